@@ -1,0 +1,2 @@
+#include "bind.h"
+namespace raykiln { void bind_image(pybind11::module_&) {} }

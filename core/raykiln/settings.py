@@ -1,0 +1,95 @@
+"""Render settings: what a caller may ask of a render, with the defaults of the contract."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal, get_args
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from raykiln.errors import SettingsError, pointer_of, shorten
+
+Integrator = Literal["path", "whitted", "direct", "ao"]
+Sampler = Literal["sobol", "independent"]
+Filter = Literal["box", "tent", "gaussian", "blackman_harris"]
+Aov = Literal["albedo", "normal", "depth", "variance"]
+
+MAX_PIXELS = 1 << 28
+_DEPTH = "a path length of at least 1, or -1 for none"
+
+
+class RenderSettings(BaseModel):
+    """How to render a scene.  Fields left unset are taken from the scene, then from the defaults."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    width: Annotated[int, Field(ge=1, le=65536)] = 512
+    """Image width in pixels."""
+    height: Annotated[int, Field(ge=1, le=65536)] = 512
+    """Image height in pixels."""
+    spp: Annotated[int, Field(ge=1, le=1 << 20)] = 64
+    """Samples per pixel."""
+    max_depth: Annotated[int, Field(ge=-1, le=1 << 16)] = 8
+    """Path segments at most: 1 = emission only, 2 = direct light, -1 = no limit."""
+    rr_depth: Annotated[int, Field(ge=-1, le=1 << 16)] = 5
+    """Path length from which Russian roulette may end a path; -1 = never."""
+    seed: Annotated[int, Field(ge=0, lt=1 << 32)] = 0
+    """Seed of the sample sequence: the same seed gives the same bits."""
+    integrator: Integrator = "path"
+    """The estimator: path tracing, Whitted's ray tracing, direct light, or ambient occlusion."""
+    sampler: Sampler = "sobol"
+    """Owen-scrambled Sobol' points, or independent random numbers."""
+    filter: Filter = "gaussian"
+    """Pixel reconstruction filter, sampled by importance."""
+    threads: Annotated[int, Field(ge=0, le=1024)] = 0
+    """Worker threads; 0 = all."""
+    camera: Annotated[str, Field(max_length=256)] | None = None
+    """Name of the camera to use; None = the scene's first."""
+    crop: tuple[int, int, int, int] | None = None
+    """Part of the image to render, in pixels: (x0, y0, x1, y1), x1 and y1 excluded."""
+    time_budget_s: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    """Stop after the pass in which this many seconds of rendering are over."""
+    noise_threshold: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = None
+    """Stop when the mean relative standard error of the image falls below this."""
+    denoise: bool = False
+    """Denoise the result with Intel Open Image Denoise (the `denoise` extra)."""
+    aovs: tuple[Aov, ...] = ()
+    """Further layers to return: albedo, normal, depth, variance."""
+
+    @model_validator(mode="after")
+    def _consistent(self) -> RenderSettings:
+        if self.max_depth == 0:
+            raise ValueError(f"max_depth must be {_DEPTH}")
+        if self.width * self.height > MAX_PIXELS:
+            raise ValueError(
+                f"an image of {self.width} x {self.height} pixels is over the limit of "
+                f"{MAX_PIXELS} pixels"
+            )
+        if self.crop is not None:
+            x0, y0, x1, y1 = self.crop
+            if not (0 <= x0 < x1 <= self.width and 0 <= y0 < y1 <= self.height):
+                raise ValueError(f"crop must lie within the {self.width} x {self.height} image")
+        return self
+
+    @classmethod
+    def create(cls, **values: Any) -> RenderSettings:
+        """Settings from keyword values; a `SettingsError` names the first bad one."""
+        try:
+            return cls(**values)
+        except ValidationError as error:
+            raise settings_error_of(error) from None
+
+    def over(self, scene_settings: dict[str, Any]) -> RenderSettings:
+        """These settings, with unset fields taken from the scene's own."""
+        given = {name: getattr(self, name) for name in self.model_fields_set}
+        return RenderSettings.create(**{**scene_settings, **given})
+
+
+def settings_error_of(error: ValidationError) -> SettingsError:
+    """The first complaint of a pydantic validation, as a `SettingsError`."""
+    first = error.errors(include_url=False)[0]
+    name = pointer_of(first["loc"]).lstrip("/")
+    found = "" if not name else f" (found {shorten(first.get('input'))})"
+    return SettingsError(f"{name or 'settings'}: {first['msg']}{found}")
+
+
+AOV_NAMES: tuple[str, ...] = get_args(Aov)
