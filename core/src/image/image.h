@@ -1,0 +1,55 @@
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <utility>
+#include <variant>
+#include <vector>
+
+namespace raykiln {
+
+/// How the values of an image are stored.
+enum class PixelFormat { u8, u16, f32 };
+
+/// Bytes of one value of `format`.
+constexpr std::size_t value_bytes(PixelFormat format) {
+    return format == PixelFormat::u8 ? 1 : format == PixelFormat::u16 ? 2 : 4;
+}
+
+/// Named values beside the pixels: what a file says about itself.
+using MetadataValue = std::variant<int, double, std::string>;
+using Metadata = std::vector<std::pair<std::string, MetadataValue>>;
+
+/// Where the stored pixels lie in the whole frame, in pixels; y points down.
+/// A full size of 0 stands for "the stored pixels are the whole frame".
+struct Window {
+    int x = 0, y = 0;
+    int full_width = 0, full_height = 0;
+};
+
+/// A pixel buffer: rows from the top, interleaved channels, no padding.
+/// Move-only, because it may be large.
+struct Image {
+    int width = 0, height = 0, channels = 0;
+    PixelFormat format = PixelFormat::f32;
+    std::unique_ptr<std::byte[]> pixels;
+    std::vector<std::string> channel_names;
+    Window window;
+    Metadata metadata;
+
+    std::size_t size_values() const {
+        return static_cast<std::size_t>(width) * height * channels;
+    }
+    std::size_t size_bytes() const { return size_values() * value_bytes(format); }
+
+    /// The values as `T`, which must be the type that `format` names.
+    template <typename T>
+    std::span<const T> values() const {
+        return {reinterpret_cast<const T*>(pixels.get()), size_values()};
+    }
+};
+
+}  // namespace raykiln
