@@ -1,0 +1,84 @@
+"""Scene files: the one registry of formats.
+
+`load` picks the reader by the extension, then gives the scene a camera and lights if it has none.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from pathlib import Path
+
+from raykiln.errors import SceneError
+from raykiln.formats.files import Files, Reader, scene_errors
+from raykiln.formats.studio import complete
+from raykiln.scene import Scene
+
+# Extension -> module of this package with `read(path, files) -> Scene`.
+READERS = {
+    ".json": "native",
+    ".gltf": "gltf",
+    ".glb": "gltf",
+    ".xml": "mitsuba",
+    ".obj": "obj",
+    ".ply": "ply",
+    ".stl": "stl",
+}
+PLANNED = (".usd", ".usda", ".usdc", ".usdz", ".pbrt")
+
+
+def load(path: str | Path, *, base_dir: str | Path | None = None) -> Scene:
+    """Read a scene file of any supported format.
+
+    Parameters
+    ----------
+    path
+        The file; its extension says the format.
+    base_dir
+        Folder that the scene's other files must lie in; default: the folder of `path`.
+
+    Returns
+    -------
+    Scene
+        Validated; meshes are arrays; image textures that are files exist.  What the file asks for
+        and is not supported, and what was added (a camera, lights), is in `Scene.warnings`.
+
+    Raises
+    ------
+    SceneError
+        The file does not exist, is damaged, or is of no supported format.
+    """
+    path = Path(path)
+    read = reader_of(path)
+    if not path.is_file():
+        raise SceneError(
+            "a folder, not a file" if path.is_dir() else "the file does not exist", file=path
+        )
+    with scene_errors(path):
+        files = Files(path, None if base_dir is None else Path(base_dir))
+        scene = read(path, files)
+        scene.base_dir = files.root
+        complete(scene)
+    return scene
+
+
+def side_files(path: str | Path, *, base_dir: str | Path | None = None) -> set[Path]:
+    """The other files (resolved) that loading a scene file needs; raises as `load` does."""
+    path = Path(path)
+    with scene_errors(path):
+        files = Files(path, None if base_dir is None else Path(base_dir))
+        reader_of(path)(path, files)
+    return files.used - {path.resolve()}
+
+
+def reader_of(path: Path) -> Reader:
+    """The reader for a file's extension."""
+    extension = path.suffix.lower()
+    if extension in READERS:
+        read: Reader = import_module(f"raykiln.formats.{READERS[extension]}").read
+        return read
+    reason = "not yet supported" if extension in PLANNED else "not a known scene format"
+    raise SceneError(
+        f"{extension or 'a file without an extension'} is {reason}",
+        file=path,
+        accepted=" ".join(READERS),
+    )

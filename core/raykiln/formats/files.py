@@ -1,0 +1,137 @@
+"""Reading files for a format: inside one folder, below a size, and never by an absolute path."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any
+from urllib.parse import unquote
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from raykiln.errors import ImageError, SceneError, scene_error_of
+
+if TYPE_CHECKING:
+    from raykiln.scene import Scene
+
+MAX_FILE_BYTES = 1 << 33
+MAX_TEXT_BYTES = 1 << 29
+
+
+class Files:
+    """The files that a scene file may read.
+
+    Parameters
+    ----------
+    scene_file
+        The file that names the others; they are found beside it.
+    base_dir
+        Folder that nothing may be read outside of; default: the folder of `scene_file`.
+    """
+
+    def __init__(self, scene_file: Path, base_dir: Path | None = None) -> None:
+        self.scene_file = scene_file
+        self.folder = scene_file.resolve().parent
+        self.root = self.folder if base_dir is None else Path(base_dir).resolve()
+        self.used: set[Path] = set()
+        """The files that were resolved so far."""
+        if not self.folder.is_relative_to(self.root):
+            raise SceneError("the scene file lies outside the base folder", file=scene_file)
+
+    def resolve(self, name: str, pointer: str | None = None, *, folder: Path | None = None) -> Path:
+        """The existing file that a relative name means; symlinks are followed and checked."""
+        if not name or "\0" in name or len(name) > 4096:
+            raise self._refusal("not a file name", name, pointer)
+        if "://" in name or name.startswith(("file:", "data:", "http:", "https:")):
+            raise self._refusal(
+                "a file must be named by a relative path, not by a URI", name, pointer
+            )
+        portable = name.replace("\\", "/")
+        if PurePosixPath(portable).is_absolute() or portable[1:2] == ":":
+            raise self._refusal("an absolute path is not accepted", name, pointer)
+        try:
+            path = ((folder or self.folder) / portable).resolve()
+        except (OSError, RuntimeError):
+            raise self._refusal("the path cannot be followed", name, pointer) from None
+        if not path.is_relative_to(self.root):
+            raise self._refusal("the path leads out of the scene's folder", name, pointer)
+        if not path.is_file():
+            raise SceneError(
+                "the file does not exist" if not path.exists() else "not a regular file",
+                file=self.scene_file,
+                pointer=pointer,
+                found=name,
+            )
+        self.used.add(path)
+        return path
+
+    def resolve_uri(self, uri: str, pointer: str | None = None) -> Path:
+        """Like `resolve`, for a percent-encoded relative reference (as in glTF)."""
+        return self.resolve(unquote(uri), pointer)
+
+    def relative(self, path: Path) -> str:
+        """A resolved path as the scene names it: relative to the base folder."""
+        return path.relative_to(self.root).as_posix()
+
+    def read(self, path: Path, *, limit: int = MAX_FILE_BYTES) -> bytes:
+        """The bytes of a resolved file."""
+        return read_bytes(path, limit=limit)
+
+    def _refusal(self, message: str, name: str, pointer: str | None) -> SceneError:
+        accepted = "a relative path inside the scene's folder"
+        return SceneError(
+            message, file=self.scene_file, pointer=pointer, found=name, accepted=accepted
+        )
+
+
+def read_bytes(path: Path, *, limit: int = MAX_FILE_BYTES) -> bytes:
+    """The bytes of a file of at most `limit` bytes; a `SceneError` if it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            if size > limit:
+                raise SceneError(f"the file has {size} bytes; the limit is {limit}", file=path)
+            return file.read(limit + 1)
+    except FileNotFoundError:
+        raise SceneError("the file does not exist", file=path) from None
+    except IsADirectoryError:
+        raise SceneError("a folder, not a file", file=path) from None
+    except OSError as error:
+        raise SceneError(f"the file cannot be read: {error.strerror}", file=path) from None
+
+
+def decode_image(data: bytes, pointer: str) -> NDArray[Any]:
+    """Pixels (height, width, channels) of an image file held in memory."""
+    from raykiln.image import read_image  # the compiled reader is only needed here
+
+    try:
+        return np.asarray(read_image(data))
+    except ImageError as error:
+        raise SceneError(f"the embedded image cannot be read: {error}", pointer=pointer) from None
+
+
+@contextmanager
+def scene_errors(path: object) -> Iterator[None]:
+    """Turn whatever a broken file makes a reader raise into a `SceneError` that names the file."""
+    try:
+        yield
+    except SceneError as error:
+        raise error.in_file(path) from None
+    except ValidationError as error:
+        raise scene_error_of(error, file=path) from None
+    except RecursionError:
+        raise SceneError("the file is nested too deeply", file=path) from None
+    except MemoryError:
+        raise SceneError("the file asks for more memory than there is", file=path) from None
+    except UnicodeDecodeError as error:
+        raise SceneError(f"not text in {error.encoding}", file=path) from None
+    except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+        text = f"{type(error).__name__}: {error}"
+        raise SceneError(f"the file is damaged ({text})", file=path) from None
+
+
+Reader = Callable[[Path, Files], "Scene"]
