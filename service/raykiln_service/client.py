@@ -1,0 +1,284 @@
+"""The Python client of a raykiln service: `Client` (blocking) and `AsyncClient`.
+
+Calls that can be repeated without harm are tried again after a broken connection or a busy
+service: reads, uploads (the same bytes are stored once) and submissions (by idempotency key).
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import httpx
+
+from raykiln_service import client_calls as calls
+from raykiln_service.client_async import AsyncClient
+from raykiln_service.client_base import CHUNK_BYTES, ClientBase
+from raykiln_service.client_calls import Call, Reconnects
+from raykiln_service.client_models import (
+    Asset,
+    ClientError,
+    Event,
+    EventDecoder,
+    Job,
+    JobPage,
+    ServerError,
+    ServerUnreachableError,
+)
+from raykiln_service.downloads import Download
+
+__all__ = [
+    "Asset",
+    "AsyncClient",
+    "Client",
+    "ClientError",
+    "Event",
+    "Job",
+    "JobPage",
+    "ServerError",
+    "ServerUnreachableError",
+]
+
+
+class Client(ClientBase):
+    """A blocking client.
+
+    Parameters
+    ----------
+    server
+        Base URL; None = `RAYKILN_SERVER`, else http://127.0.0.1:8000.
+    token
+        Bearer token; None = `RAYKILN_TOKEN`.
+    timeout_s
+        Longest silence in a call.
+    retries
+        How often a repeatable call is tried again.
+
+    Raises
+    ------
+    ServerUnreachableError
+        From every call, if no service answers.
+    ServerError
+        From every call that the service refuses; carries the problem document.
+    """
+
+    def __init__(
+        self,
+        server: str | None = None,
+        token: str | None = None,
+        *,
+        timeout_s: float = 30.0,
+        retries: int = 3,
+    ) -> None:
+        super().__init__(server, token, timeout_s=timeout_s, retries=retries)
+        self._http = httpx.Client(**self._options)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        value: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._http.close()
+
+    def _send(self, call: Call, content: Callable[[], Iterator[bytes]] | None = None) -> Any:
+        """Carry out a call; gives its JSON document, or None for an empty reply."""
+        tried = 0
+        while True:
+            tried += 1
+            try:
+                body = None if content is None else content()
+                response = self._http.request(**self._arguments(call, body))
+                if response.is_error:
+                    raise calls.problem_of(response, self.server)
+                return self._document(response) if response.content else None
+            except (httpx.TransportError, ServerError) as error:
+                time.sleep(self._pause_s(tried, error, call))
+
+    def version(self) -> dict[str, Any]:
+        """What the service says about itself."""
+        document: dict[str, Any] = self._send(Call("GET", "/v1/version"))
+        return document
+
+    def scenes(self) -> list[dict[str, Any]]:
+        """The scenes that the service bundles."""
+        return calls.items_of(self._send(Call("GET", "/v1/scenes")))
+
+    def upload_asset(self, path: str | Path, *, filename: str | None = None) -> Asset:
+        """Upload a scene file, or a zip bundle of a scene and the files beside it."""
+        file = Path(path)
+
+        def content() -> Iterator[bytes]:
+            with file.open("rb") as stream:
+                while block := stream.read(CHUNK_BYTES):
+                    yield block
+
+        call = calls.upload_call(file, filename or file.name)
+        return Asset.model_validate(self._send(call, content))
+
+    def submit(
+        self,
+        scene: Mapping[str, Any],
+        settings: Mapping[str, Any] | None = None,
+        *,
+        outputs: list[str] | None = None,
+        priority: int = 0,
+        labels: Mapping[str, str] | None = None,
+        idempotency_key: str | None = None,
+        wait_s: float | None = None,
+    ) -> Job:
+        """Submit a job.
+
+        Parameters
+        ----------
+        scene
+            ``{"name": …}``, ``{"asset": id, "entry": …}`` or ``{"inline": {…}}``.
+        settings
+            `RenderSettings` fields.
+        idempotency_key
+            Two submissions with one key give one job; None = a fresh key.
+        wait_s
+            Let the service hold the answer back until the job ends, this long at most.
+        """
+        call = calls.submit_call(
+            scene,
+            settings or {},
+            outputs=outputs,
+            priority=priority,
+            labels=labels,
+            idempotency_key=idempotency_key,
+            wait_s=wait_s,
+        )
+        return Job.model_validate(self._send(call))
+
+    def job(self, job_id: str) -> Job:
+        """A job as it stands."""
+        return Job.model_validate(self._send(calls.job_call(job_id)))
+
+    def jobs(
+        self,
+        *,
+        state: str | None = None,
+        labels: Mapping[str, str] | None = None,
+        limit: int | None = None,
+        cursor: str | None = None,
+    ) -> JobPage:
+        """One page of jobs, newest first."""
+        return calls.page_of(self._send(calls.jobs_call(state, labels, limit, cursor)))
+
+    def cancel(self, job_id: str) -> Job:
+        """Cancel a job; what is rendered so far is kept."""
+        return Job.model_validate(self._send(calls.cancel_call(job_id)))
+
+    def retry(self, job_id: str) -> Job:
+        """Queue a failed or cancelled job again."""
+        return Job.model_validate(self._send(calls.retry_call(job_id)))
+
+    def delete(self, job_id: str) -> None:
+        """Delete a job that has ended, with its outputs."""
+        self._send(calls.delete_call(job_id))
+
+    def events(
+        self,
+        job_id: str,
+        *,
+        last_event_id: str | None = None,
+        timeout_s: float | None = None,
+        patience_s: float = 60.0,
+    ) -> Iterator[Event]:
+        """The events of a job until it ends, across lost connections.
+
+        Parameters
+        ----------
+        last_event_id
+            Start after this event.
+        timeout_s
+            Raise `TimeoutError` after this time.
+        patience_s
+            How long a service that went away may stay away.
+        """
+        decoder = EventDecoder(last_event_id)
+        reconnects = Reconnects(patience_s, timeout_s)
+        while True:
+            failure: Exception | None = None
+            try:
+                call = calls.events_call(job_id, decoder.last_id)
+                arguments = self._arguments(call) | {"timeout": reconnects.timeout()}
+                with self._http.stream(**arguments) as response:
+                    if response.is_error:
+                        response.read()
+                        raise calls.problem_of(response, self.server)
+                    for text in response.iter_text():
+                        reconnects.heard()
+                        for event in decoder.feed(text):
+                            yield event
+                            if calls.ends_stream(event):
+                                return
+                        reconnects.check()
+            except (httpx.TransportError, ServerError) as error:
+                failure = error
+            decoder.reset()
+            time.sleep(self._reconnect_pause_s(reconnects, failure))
+
+    def wait(
+        self,
+        job_id: str,
+        *,
+        timeout_s: float | None = None,
+        on_event: Callable[[Event], None] | None = None,
+    ) -> Job:
+        """Wait until a job has ended; `TimeoutError` after `timeout_s`."""
+        for event in self.events(job_id, timeout_s=timeout_s):
+            if on_event is not None:
+                on_event(event)
+        return self.job(job_id)
+
+    def download(
+        self,
+        job_id: str,
+        name: str,
+        path: str | Path,
+        *,
+        exposure: float | None = None,
+        view: str | None = None,
+    ) -> Path:
+        """Download an output (`image.exr`, `image.png`, `stats.json`, …); the file appears whole.
+
+        A broken download goes on where it broke.
+        """
+        call = calls.output_call(job_id, name, exposure, view)
+        with Download(Path(path)) as download:
+            tried = 0
+            while True:
+                tried += 1
+                arguments = self._arguments(call)
+                arguments["headers"] |= download.headers()
+                try:
+                    with self._http.stream(**arguments) as response:
+                        if response.is_error:
+                            response.read()
+                            raise calls.problem_of(response, self.server)
+                        download.start(response)
+                        for block in response.iter_bytes():
+                            download.write(block)
+                    return download.finish()
+                except (httpx.TransportError, ServerError) as error:
+                    time.sleep(self._pause_s(tried, error, call))
+
+    def preview(self, job_id: str) -> bytes:
+        """The image so far, as the bytes of a PNG file."""
+        call = calls.preview_call(job_id)
+        response = self._http.request(**self._arguments(call))
+        if response.is_error:
+            raise calls.problem_of(response, self.server)
+        return response.content

@@ -1,0 +1,271 @@
+"""The commands that talk to a service: submit, list, status, download, cancel."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from raykiln_service.commands.console import (
+    CommandError,
+    check_writable,
+    print_json,
+    print_note,
+    print_warnings,
+    usage_error,
+)
+from raykiln_service.commands.options import RenderOptions, with_render_options
+from raykiln_service.commands.render import ExposureOption, QuietOption, ViewOption, check_view
+from raykiln_service.commands.scenes import SceneArgument, resolve_scene
+from raykiln_service.commands.watch import (
+    JobArgument,
+    JsonOption,
+    ServerOption,
+    WatchReporter,
+    conclude,
+    wait_or_leave,
+)
+
+if TYPE_CHECKING:
+    from raykiln_service.client import Client, Job
+
+LabelOption = Annotated[
+    list[str] | None, typer.Option("--label", help="Label; may repeat.", metavar="KEY=VALUE")
+]
+_OUTPUT_OF = {".exr": "image.exr", ".png": "image.png", ".json": "stats.json"}
+DEFAULT_OUTPUTS = ("image.exr", "image.png", "stats.json")
+
+
+@with_render_options
+def submit(
+    *,
+    scene: SceneArgument,
+    server: ServerOption = None,
+    wait: Annotated[bool, typer.Option("--wait", help="Watch the job until it ends.")] = False,
+    output: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--output",
+            "-o",
+            help="Download to this .exr, .png or .json (statistics) file, or folder; may repeat; "
+            "implies --wait.",
+            metavar="OUT",
+        ),
+    ] = None,
+    exposure: ExposureOption = 0.0,
+    view: ViewOption = "srgb",
+    priority: Annotated[
+        int, typer.Option("--priority", help="Higher ones go first.", metavar="N")
+    ] = 0,
+    label: LabelOption = None,
+    as_json: JsonOption = False,
+    quiet: QuietOption = False,
+    options: RenderOptions,
+) -> None:
+    """Submit a scene to a service; prints the job's id.
+
+    Files that the scene reads are uploaded with it. Ctrl-C while waiting asks whether to cancel
+    the job or leave it running.
+    """
+    from raykiln_service.client import Client
+
+    check_view(view, exposure)
+    settings = options.settings().model_dump(mode="json", exclude_unset=True)
+    labels = parse_labels(label)
+    targets = download_targets(output)
+    with Client(server) as client:
+        spec = _upload(client, scene)
+        job = client.submit(spec, settings, priority=priority, labels=labels)
+        if not quiet:
+            print_warnings(job.warnings)
+        waiting = wait or bool(targets)
+        if not waiting:
+            _show_submitted(job, client, as_json=as_json, quiet=quiet)
+            return
+        if not quiet:
+            print_note(f"submitted {job.id} to {client.server}")
+        job = wait_or_leave(client, job, WatchReporter(quiet=quiet or as_json))
+        if as_json:
+            print_json(job.model_dump(mode="json"))
+        conclude(job, quiet=quiet or as_json)
+        for name, path in targets:
+            shown = {"exposure": exposure, "view": view} if name.endswith(".png") else {}
+            client.download(job.id, name, path, **shown)
+            if not (quiet or as_json):
+                print(path)
+
+
+def _upload(client: Client, scene: str) -> dict[str, Any]:
+    """What the job is to render: a bundled name, or an asset that is uploaded now."""
+    from raykiln import bundled_scenes
+
+    from raykiln_service.scene_bundle import package
+
+    path = resolve_scene(scene)
+    if scene in bundled_scenes() and not Path(scene).is_file():
+        return {"name": scene}
+    try:
+        with package(path) as packed:
+            asset = client.upload_asset(packed.path)
+            return {"asset": asset.id, "entry": packed.entry}
+    except ValueError as error:
+        raise CommandError(str(error)) from None
+
+
+def _show_submitted(job: Job, client: Client, *, as_json: bool, quiet: bool) -> None:
+    if as_json:
+        print_json(job.model_dump(mode="json"))
+        return
+    print(job.id)
+    if not quiet:
+        print_note(f"follow it with: raykiln watch {job.id} --server {client.server}")
+
+
+def parse_labels(texts: list[str] | None) -> dict[str, str]:
+    """The labels of texts such as ``project=demo``."""
+    labels = {}
+    for text in texts or []:
+        key, equals, value = text.partition("=")
+        if not equals or not key:
+            raise usage_error("--label", "not a label", found=text, accepted="KEY=VALUE")
+        labels[key] = value
+    return labels
+
+
+def download_targets(
+    paths: list[Path] | None, names: list[str] | None = None
+) -> list[tuple[str, Path]]:
+    """Which output goes to which file; raises now for what could not be written later."""
+    targets: list[tuple[str, Path]] = []
+    for path in paths or []:
+        if path.is_dir():
+            targets += [(name, path / name) for name in names or DEFAULT_OUTPUTS]
+        elif names and len(names) == 1:
+            targets.append((names[0], path))
+        elif path.suffix.lower() in _OUTPUT_OF:
+            targets.append((_OUTPUT_OF[path.suffix.lower()], path))
+        else:
+            raise usage_error(
+                "-o",
+                f"not a folder, nor a file of a known kind: {path}",
+                accepted=".exr .png .json",
+            )
+    for _, path in targets:
+        check_writable(path, "-o")
+    return targets
+
+
+def status(job: JobArgument, server: ServerOption = None, as_json: JsonOption = False) -> None:
+    """Show where a job stands."""
+    from raykiln_service.client import Client
+
+    with Client(server) as client:
+        found = client.job(job)
+    if as_json:
+        print_json(found.model_dump(mode="json"))
+        return
+    print(_line(found))
+    if found.error_text:
+        print(f"error: {found.error_text}")
+    print_warnings(found.warnings)
+
+
+def list_jobs(
+    server: ServerOption = None,
+    state: Annotated[
+        str | None,
+        typer.Option(
+            "--state",
+            help="Only jobs in this state.",
+            metavar="queued|running|succeeded|failed|cancelled",
+        ),
+    ] = None,
+    label: LabelOption = None,
+    limit: Annotated[int, typer.Option("--limit", help="At most this many.", metavar="N")] = 20,
+    as_json: JsonOption = False,
+) -> None:
+    """List jobs, newest first."""
+    from raykiln_service.client import Client
+
+    if limit < 1:
+        raise usage_error("--limit", "out of range", found=limit, accepted="1 up")
+    jobs: list[Job] = []
+    cursor = None
+    with Client(server) as client:
+        while len(jobs) < limit:
+            page = client.jobs(
+                state=state,
+                labels=parse_labels(label),
+                limit=min(100, limit - len(jobs)),
+                cursor=cursor,
+            )
+            jobs += page.items
+            cursor = page.next_cursor
+            if cursor is None:
+                break
+    if as_json:
+        print_json([job.model_dump(mode="json") for job in jobs])
+        return
+    for job in jobs:
+        print(_line(job))
+
+
+def _line(job: Job) -> str:
+    text = f"{job.id}  {job.state:<9}"
+    if job.state == "queued" and job.queue_position is not None:
+        text += f"  position {job.queue_position}"
+    elif job.progress is not None:
+        text += f"  {job.progress.fraction:4.0%}"
+    labels = ", ".join(f"{key}={value}" for key, value in job.labels.items())
+    return f"{text}  {labels}".rstrip()
+
+
+def cancel(job: JobArgument, server: ServerOption = None, as_json: JsonOption = False) -> None:
+    """Cancel a job; what it has rendered so far is kept."""
+    from raykiln_service.client import Client
+
+    with Client(server) as client:
+        found = client.cancel(job)
+    if as_json:
+        print_json(found.model_dump(mode="json"))
+    else:
+        print(_line(found))
+
+
+def download(
+    job: JobArgument,
+    names: Annotated[
+        list[str] | None,
+        typer.Argument(
+            help="Outputs to get, such as image.exr, image.png, stats.json, log.txt.",
+            metavar="[NAME]...",
+        ),
+    ] = None,
+    server: ServerOption = None,
+    output: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--output",
+            "-o",
+            help="File (.exr, .png, .json) or folder; may repeat [default: this folder]",
+            metavar="OUT",
+        ),
+    ] = None,
+    exposure: ExposureOption = 0.0,
+    view: ViewOption = "srgb",
+    as_json: JsonOption = False,
+) -> None:
+    """Download the outputs of a job."""
+    from raykiln_service.client import Client
+
+    check_view(view, exposure)
+    targets = download_targets(output or [Path()], names)
+    with Client(server) as client:
+        for name, path in targets:
+            shown = {"exposure": exposure, "view": view} if name.endswith(".png") else {}
+            client.download(job, name, path, **shown)
+            if not as_json:
+                print(path)
+    if as_json:
+        print_json([str(path) for _, path in targets])
