@@ -110,7 +110,7 @@ def _exit_code_of(error: Exception) -> int | None:
     core = sys.modules.get("raykiln.errors")
     if core is not None and isinstance(error, core.RaykilnError):
         return ExitCode.FAILED if isinstance(error, core.RenderError) else ExitCode.USAGE
-    client = sys.modules.get("raykiln_service.client_models")
+    client = sys.modules.get("raykiln_service.client.models")
     if client is not None and isinstance(error, client.ClientError):
         refused = isinstance(error, client.ServerError)
         busy = refused and (error.status >= 500 or error.status == 429)

@@ -20,7 +20,7 @@ from raykiln_service.commands.progress import progress_bar
 from raykiln_service.commands.render import ExposureOption, QuietOption, ViewOption, check_view
 
 if TYPE_CHECKING:
-    from raykiln_service.batch import Batch, Entry
+    from raykiln_service.commands.batch_run import Batch, Entry
 
 
 @with_render_options
@@ -52,8 +52,8 @@ def batch(
     Writes NAME.exr, NAME.png and NAME.stats.json of each scene and report.json. Exit code 0 if
     all are done, 1 if any failed.
     """
-    from raykiln_service.batch import Batch
-    from raykiln_service.batch_inputs import read_inputs
+    from raykiln_service.commands.batch_inputs import read_inputs
+    from raykiln_service.commands.batch_run import Batch
 
     if not 1 <= jobs <= 256:
         raise usage_error("--jobs", "out of range", found=jobs, accepted="1 to 256")
@@ -141,7 +141,7 @@ class _Show:
 
 
 def _summarise(work: Batch, folder: Path) -> None:
-    from raykiln_service.batch import REPORT
+    from raykiln_service.commands.batch_run import REPORT
 
     states = [entry.state for entry in work.entries]
     counts = ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))

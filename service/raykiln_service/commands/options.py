@@ -15,7 +15,7 @@ from raykiln_service.commands.console import CommandError, usage_error
 
 if TYPE_CHECKING:
     from pydantic import ValidationError
-    from raykiln import RenderSettings
+    from raykiln.settings import RenderSettings
 
 _PANEL = "Render settings (default: what the scene asks for, then the defaults)"
 
@@ -162,7 +162,7 @@ def settings_of(values: dict[str, Any], place: str = "") -> RenderSettings:
         Where the values come from, if not from the command line (named in the error).
     """
     from pydantic import ValidationError
-    from raykiln import RenderSettings
+    from raykiln.settings import RenderSettings
 
     try:
         return RenderSettings(**values)
@@ -173,7 +173,7 @@ def settings_of(values: dict[str, Any], place: str = "") -> RenderSettings:
 
 
 def _settings_error(error: ValidationError, place: str) -> CommandError:
-    from raykiln import RenderSettings
+    from raykiln.settings import RenderSettings
 
     first = error.errors(include_url=False)[0]
     message = first["msg"].removeprefix("Value error, ")
@@ -193,7 +193,7 @@ def _settings_error(error: ValidationError, place: str) -> CommandError:
 
 def accepted_values(field: str) -> str | None:
     """What a field of `RenderSettings` accepts, in words, from its JSON Schema."""
-    from raykiln import RenderSettings
+    from raykiln.settings import RenderSettings
 
     schema = RenderSettings.model_json_schema()["properties"].get(field, {})
     parts = [schema, *schema.get("anyOf", []), schema.get("items", {})]

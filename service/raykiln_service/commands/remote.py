@@ -90,8 +90,7 @@ def submit(
             print_json(job.model_dump(mode="json"))
         conclude(job, quiet=quiet or as_json)
         for name, path in targets:
-            shown = {"exposure": exposure, "view": view} if name.endswith(".png") else {}
-            client.download(job.id, name, path, **shown)
+            fetch(client, job.id, name, path, exposure, view)
             if not (quiet or as_json):
                 print(path)
 
@@ -100,7 +99,7 @@ def _upload(client: Client, scene: str) -> dict[str, Any]:
     """What the job is to render: a bundled name, or an asset that is uploaded now."""
     from raykiln import bundled_scenes
 
-    from raykiln_service.scene_bundle import package
+    from raykiln_service.client import package
 
     path = resolve_scene(scene)
     if scene in bundled_scenes() and not Path(scene).is_file():
@@ -137,6 +136,9 @@ def download_targets(
     paths: list[Path] | None, names: list[str] | None = None
 ) -> list[tuple[str, Path]]:
     """Which output goes to which file; raises now for what could not be written later."""
+    for name in names or []:
+        if Path(name).name != name:
+            raise usage_error("NAME", "not the name of an output", found=name)
     targets: list[tuple[str, Path]] = []
     for path in paths or []:
         if path.is_dir():
@@ -154,6 +156,14 @@ def download_targets(
     for _, path in targets:
         check_writable(path, "-o")
     return targets
+
+
+def fetch(client: Client, job: str, name: str, path: Path, exposure: float, view: str) -> None:
+    """Download one output; exposure and view matter to the PNG image alone."""
+    if name == "image.png":
+        client.download(job, name, path, exposure=exposure, view=view)
+    else:
+        client.download(job, name, path)
 
 
 def status(job: JobArgument, server: ServerOption = None, as_json: JsonOption = False) -> None:
@@ -263,8 +273,7 @@ def download(
     targets = download_targets(output or [Path()], names)
     with Client(server) as client:
         for name, path in targets:
-            shown = {"exposure": exposure, "view": view} if name.endswith(".png") else {}
-            client.download(job, name, path, **shown)
+            fetch(client, job, name, path, exposure, view)
             if not as_json:
                 print(path)
     if as_json:

@@ -1,50 +1,24 @@
-"""The Python client of a raykiln service: `Client` (blocking) and `AsyncClient`.
-
-Calls that can be repeated without harm are tried again after a broken connection or a busy
-service: reads, uploads (the same bytes are stored once) and submissions (by idempotency key).
-"""
+"""The client of a raykiln service for asyncio."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Iterator, Mapping
+import asyncio
+from collections.abc import AsyncIterator, Callable, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 import httpx
 
-from raykiln_service import client_calls as calls
-from raykiln_service.client_async import AsyncClient
-from raykiln_service.client_base import CHUNK_BYTES, ClientBase
-from raykiln_service.client_calls import Call, Reconnects
-from raykiln_service.client_models import (
-    Asset,
-    ClientError,
-    Event,
-    EventDecoder,
-    Job,
-    JobPage,
-    ServerError,
-    ServerUnreachableError,
-)
-from raykiln_service.downloads import Download
-
-__all__ = [
-    "Asset",
-    "AsyncClient",
-    "Client",
-    "ClientError",
-    "Event",
-    "Job",
-    "JobPage",
-    "ServerError",
-    "ServerUnreachableError",
-]
+from raykiln_service.client import calls
+from raykiln_service.client.base import CHUNK_BYTES, ClientBase
+from raykiln_service.client.calls import Call, Reconnects
+from raykiln_service.client.downloads import Download
+from raykiln_service.client.models import Asset, Event, EventDecoder, Job, JobPage, ServerError
 
 
-class Client(ClientBase):
-    """A blocking client.
+class AsyncClient(ClientBase):
+    """A client for asyncio; its calls are those of `Client`.
 
     Parameters
     ----------
@@ -74,59 +48,61 @@ class Client(ClientBase):
         retries: int = 3,
     ) -> None:
         super().__init__(server, token, timeout_s=timeout_s, retries=retries)
-        self._http = httpx.Client(**self._options)
+        self._http = httpx.AsyncClient(**self._options)
 
-    def __enter__(self) -> Self:
+    async def __aenter__(self) -> Self:
         return self
 
-    def __exit__(
+    async def __aexit__(
         self,
         kind: type[BaseException] | None,
         value: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        self.close()
+        await self.close()
 
-    def close(self) -> None:
+    async def close(self) -> None:
         """Close the connections."""
-        self._http.close()
+        await self._http.aclose()
 
-    def _send(self, call: Call, content: Callable[[], Iterator[bytes]] | None = None) -> Any:
+    async def _send(
+        self, call: Call, content: Callable[[], AsyncIterator[bytes]] | None = None
+    ) -> Any:
         """Carry out a call; gives its JSON document, or None for an empty reply."""
         tried = 0
         while True:
             tried += 1
             try:
                 body = None if content is None else content()
-                response = self._http.request(**self._arguments(call, body))
+                response = await self._http.request(**self._arguments(call, body))
                 if response.is_error:
                     raise calls.problem_of(response, self.server)
                 return self._document(response) if response.content else None
             except (httpx.TransportError, ServerError) as error:
-                time.sleep(self._pause_s(tried, error, call))
+                await asyncio.sleep(self._pause_s(tried, error, call))
 
-    def version(self) -> dict[str, Any]:
+    async def version(self) -> dict[str, Any]:
         """What the service says about itself."""
-        document: dict[str, Any] = self._send(Call("GET", "/v1/version"))
+        document: dict[str, Any] = await self._send(Call("GET", "/v1/version"))
         return document
 
-    def scenes(self) -> list[dict[str, Any]]:
+    async def scenes(self) -> list[dict[str, Any]]:
         """The scenes that the service bundles."""
-        return calls.items_of(self._send(Call("GET", "/v1/scenes")))
+        return calls.items_of(await self._send(Call("GET", "/v1/scenes")))
 
-    def upload_asset(self, path: str | Path, *, filename: str | None = None) -> Asset:
+    async def upload_asset(self, path: str | Path, *, filename: str | None = None) -> Asset:
         """Upload a scene file, or a zip bundle of a scene and the files beside it."""
         file = Path(path)
 
-        def content() -> Iterator[bytes]:
+        async def content() -> AsyncIterator[bytes]:
             with file.open("rb") as stream:
                 while block := stream.read(CHUNK_BYTES):
                     yield block
 
         call = calls.upload_call(file, filename or file.name)
-        return Asset.model_validate(self._send(call, content))
+        return Asset.model_validate(await self._send(call, content))
 
-    def submit(
+    async def submit(
         self,
         scene: Mapping[str, Any],
         settings: Mapping[str, Any] | None = None,
@@ -159,13 +135,13 @@ class Client(ClientBase):
             idempotency_key=idempotency_key,
             wait_s=wait_s,
         )
-        return Job.model_validate(self._send(call))
+        return Job.model_validate(await self._send(call))
 
-    def job(self, job_id: str) -> Job:
+    async def job(self, job_id: str) -> Job:
         """A job as it stands."""
-        return Job.model_validate(self._send(calls.job_call(job_id)))
+        return Job.model_validate(await self._send(calls.job_call(job_id)))
 
-    def jobs(
+    async def jobs(
         self,
         *,
         state: str | None = None,
@@ -174,28 +150,28 @@ class Client(ClientBase):
         cursor: str | None = None,
     ) -> JobPage:
         """One page of jobs, newest first."""
-        return calls.page_of(self._send(calls.jobs_call(state, labels, limit, cursor)))
+        return calls.page_of(await self._send(calls.jobs_call(state, labels, limit, cursor)))
 
-    def cancel(self, job_id: str) -> Job:
+    async def cancel(self, job_id: str) -> Job:
         """Cancel a job; what is rendered so far is kept."""
-        return Job.model_validate(self._send(calls.cancel_call(job_id)))
+        return Job.model_validate(await self._send(calls.cancel_call(job_id)))
 
-    def retry(self, job_id: str) -> Job:
+    async def retry(self, job_id: str) -> Job:
         """Queue a failed or cancelled job again."""
-        return Job.model_validate(self._send(calls.retry_call(job_id)))
+        return Job.model_validate(await self._send(calls.retry_call(job_id)))
 
-    def delete(self, job_id: str) -> None:
+    async def delete(self, job_id: str) -> None:
         """Delete a job that has ended, with its outputs."""
-        self._send(calls.delete_call(job_id))
+        await self._send(calls.delete_call(job_id))
 
-    def events(
+    async def events(
         self,
         job_id: str,
         *,
         last_event_id: str | None = None,
         timeout_s: float | None = None,
         patience_s: float = 60.0,
-    ) -> Iterator[Event]:
+    ) -> AsyncIterator[Event]:
         """The events of a job until it ends, across lost connections.
 
         Parameters
@@ -214,11 +190,11 @@ class Client(ClientBase):
             try:
                 call = calls.events_call(job_id, decoder.last_id)
                 arguments = self._arguments(call) | {"timeout": reconnects.timeout()}
-                with self._http.stream(**arguments) as response:
+                async with self._http.stream(**arguments) as response:
                     if response.is_error:
-                        response.read()
+                        await response.aread()
                         raise calls.problem_of(response, self.server)
-                    for text in response.iter_text():
+                    async for text in response.aiter_text():
                         reconnects.heard()
                         for event in decoder.feed(text):
                             yield event
@@ -228,9 +204,9 @@ class Client(ClientBase):
             except (httpx.TransportError, ServerError) as error:
                 failure = error
             decoder.reset()
-            time.sleep(self._reconnect_pause_s(reconnects, failure))
+            await asyncio.sleep(self._reconnect_pause_s(reconnects, failure))
 
-    def wait(
+    async def wait(
         self,
         job_id: str,
         *,
@@ -238,12 +214,12 @@ class Client(ClientBase):
         on_event: Callable[[Event], None] | None = None,
     ) -> Job:
         """Wait until a job has ended; `TimeoutError` after `timeout_s`."""
-        for event in self.events(job_id, timeout_s=timeout_s):
+        async for event in self.events(job_id, timeout_s=timeout_s):
             if on_event is not None:
                 on_event(event)
-        return self.job(job_id)
+        return await self.job(job_id)
 
-    def download(
+    async def download(
         self,
         job_id: str,
         name: str,
@@ -264,21 +240,21 @@ class Client(ClientBase):
                 arguments = self._arguments(call)
                 arguments["headers"] |= download.headers()
                 try:
-                    with self._http.stream(**arguments) as response:
+                    async with self._http.stream(**arguments) as response:
                         if response.is_error:
-                            response.read()
+                            await response.aread()
                             raise calls.problem_of(response, self.server)
                         download.start(response)
-                        for block in response.iter_bytes():
+                        async for block in response.aiter_bytes():
                             download.write(block)
                     return download.finish()
                 except (httpx.TransportError, ServerError) as error:
-                    time.sleep(self._pause_s(tried, error, call))
+                    await asyncio.sleep(self._pause_s(tried, error, call))
 
-    def preview(self, job_id: str) -> bytes:
+    async def preview(self, job_id: str) -> bytes:
         """The image so far, as the bytes of a PNG file."""
         call = calls.preview_call(job_id)
-        response = self._http.request(**self._arguments(call))
+        response = await self._http.request(**self._arguments(call))
         if response.is_error:
             raise calls.problem_of(response, self.server)
         return response.content

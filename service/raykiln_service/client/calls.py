@@ -14,7 +14,7 @@ from urllib.parse import quote
 
 import httpx
 
-from raykiln_service.client_models import (
+from raykiln_service.client.models import (
     Event,
     JobPage,
     ServerError,
@@ -54,11 +54,11 @@ class RetryPolicy:
         """The pause before the next try after `tried` of them, or None to give up."""
         if tried > self.retries or not may_retry(error, call):
             return None
-        backoff = min(self.longest_s, self.first_s * 2 ** (tried - 1))
+        backoff = min(self.longest_s, self.first_s * float(2 ** (tried - 1)))
         asked = error.retry_after_s if isinstance(error, ServerError) else None
         if asked is not None:
             return asked if asked <= MAX_RETRY_AFTER_S else None
-        return backoff * random.uniform(0.75, 1.25)
+        return float(backoff * random.uniform(0.75, 1.25))
 
 
 def may_retry(error: Exception, call: Call) -> bool:
@@ -214,7 +214,8 @@ def _retry_after_s(response: httpx.Response) -> float | None:
     if text.isdigit():
         return float(text)
     try:
-        return max(0.0, email.utils.parsedate_to_datetime(text).timestamp() - time.time())
+        moment: float = email.utils.parsedate_to_datetime(text).timestamp()
+        return max(0.0, moment - time.time())
     except (ValueError, TypeError):
         return None
 

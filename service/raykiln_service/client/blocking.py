@@ -1,24 +1,31 @@
-"""The client of a raykiln service for asyncio."""
+"""The client for ordinary, blocking code."""
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import AsyncIterator, Callable, Mapping
+import time
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 import httpx
 
-from raykiln_service import client_calls as calls
-from raykiln_service.client_base import CHUNK_BYTES, ClientBase
-from raykiln_service.client_calls import Call, Reconnects
-from raykiln_service.client_models import Asset, Event, EventDecoder, Job, JobPage, ServerError
-from raykiln_service.downloads import Download
+from raykiln_service.client import calls
+from raykiln_service.client.base import CHUNK_BYTES, ClientBase
+from raykiln_service.client.calls import Call, Reconnects
+from raykiln_service.client.downloads import Download
+from raykiln_service.client.models import (
+    Asset,
+    Event,
+    EventDecoder,
+    Job,
+    JobPage,
+    ServerError,
+)
 
 
-class AsyncClient(ClientBase):
-    """A client for asyncio; its calls are those of `Client`.
+class Client(ClientBase):
+    """A blocking client.
 
     Parameters
     ----------
@@ -48,61 +55,59 @@ class AsyncClient(ClientBase):
         retries: int = 3,
     ) -> None:
         super().__init__(server, token, timeout_s=timeout_s, retries=retries)
-        self._http = httpx.AsyncClient(**self._options)
+        self._http = httpx.Client(**self._options)
 
-    async def __aenter__(self) -> Self:
+    def __enter__(self) -> Self:
         return self
 
-    async def __aexit__(
+    def __exit__(
         self,
         kind: type[BaseException] | None,
         value: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        await self.close()
+        self.close()
 
-    async def close(self) -> None:
+    def close(self) -> None:
         """Close the connections."""
-        await self._http.aclose()
+        self._http.close()
 
-    async def _send(
-        self, call: Call, content: Callable[[], AsyncIterator[bytes]] | None = None
-    ) -> Any:
+    def _send(self, call: Call, content: Callable[[], Iterator[bytes]] | None = None) -> Any:
         """Carry out a call; gives its JSON document, or None for an empty reply."""
         tried = 0
         while True:
             tried += 1
             try:
                 body = None if content is None else content()
-                response = await self._http.request(**self._arguments(call, body))
+                response = self._http.request(**self._arguments(call, body))
                 if response.is_error:
                     raise calls.problem_of(response, self.server)
                 return self._document(response) if response.content else None
             except (httpx.TransportError, ServerError) as error:
-                await asyncio.sleep(self._pause_s(tried, error, call))
+                time.sleep(self._pause_s(tried, error, call))
 
-    async def version(self) -> dict[str, Any]:
+    def version(self) -> dict[str, Any]:
         """What the service says about itself."""
-        document: dict[str, Any] = await self._send(Call("GET", "/v1/version"))
+        document: dict[str, Any] = self._send(Call("GET", "/v1/version"))
         return document
 
-    async def scenes(self) -> list[dict[str, Any]]:
+    def scenes(self) -> list[dict[str, Any]]:
         """The scenes that the service bundles."""
-        return calls.items_of(await self._send(Call("GET", "/v1/scenes")))
+        return calls.items_of(self._send(Call("GET", "/v1/scenes")))
 
-    async def upload_asset(self, path: str | Path, *, filename: str | None = None) -> Asset:
+    def upload_asset(self, path: str | Path, *, filename: str | None = None) -> Asset:
         """Upload a scene file, or a zip bundle of a scene and the files beside it."""
         file = Path(path)
 
-        async def content() -> AsyncIterator[bytes]:
+        def content() -> Iterator[bytes]:
             with file.open("rb") as stream:
                 while block := stream.read(CHUNK_BYTES):
                     yield block
 
         call = calls.upload_call(file, filename or file.name)
-        return Asset.model_validate(await self._send(call, content))
+        return Asset.model_validate(self._send(call, content))
 
-    async def submit(
+    def submit(
         self,
         scene: Mapping[str, Any],
         settings: Mapping[str, Any] | None = None,
@@ -135,13 +140,13 @@ class AsyncClient(ClientBase):
             idempotency_key=idempotency_key,
             wait_s=wait_s,
         )
-        return Job.model_validate(await self._send(call))
+        return Job.model_validate(self._send(call))
 
-    async def job(self, job_id: str) -> Job:
+    def job(self, job_id: str) -> Job:
         """A job as it stands."""
-        return Job.model_validate(await self._send(calls.job_call(job_id)))
+        return Job.model_validate(self._send(calls.job_call(job_id)))
 
-    async def jobs(
+    def jobs(
         self,
         *,
         state: str | None = None,
@@ -150,28 +155,28 @@ class AsyncClient(ClientBase):
         cursor: str | None = None,
     ) -> JobPage:
         """One page of jobs, newest first."""
-        return calls.page_of(await self._send(calls.jobs_call(state, labels, limit, cursor)))
+        return calls.page_of(self._send(calls.jobs_call(state, labels, limit, cursor)))
 
-    async def cancel(self, job_id: str) -> Job:
+    def cancel(self, job_id: str) -> Job:
         """Cancel a job; what is rendered so far is kept."""
-        return Job.model_validate(await self._send(calls.cancel_call(job_id)))
+        return Job.model_validate(self._send(calls.cancel_call(job_id)))
 
-    async def retry(self, job_id: str) -> Job:
+    def retry(self, job_id: str) -> Job:
         """Queue a failed or cancelled job again."""
-        return Job.model_validate(await self._send(calls.retry_call(job_id)))
+        return Job.model_validate(self._send(calls.retry_call(job_id)))
 
-    async def delete(self, job_id: str) -> None:
+    def delete(self, job_id: str) -> None:
         """Delete a job that has ended, with its outputs."""
-        await self._send(calls.delete_call(job_id))
+        self._send(calls.delete_call(job_id))
 
-    async def events(
+    def events(
         self,
         job_id: str,
         *,
         last_event_id: str | None = None,
         timeout_s: float | None = None,
         patience_s: float = 60.0,
-    ) -> AsyncIterator[Event]:
+    ) -> Iterator[Event]:
         """The events of a job until it ends, across lost connections.
 
         Parameters
@@ -190,11 +195,11 @@ class AsyncClient(ClientBase):
             try:
                 call = calls.events_call(job_id, decoder.last_id)
                 arguments = self._arguments(call) | {"timeout": reconnects.timeout()}
-                async with self._http.stream(**arguments) as response:
+                with self._http.stream(**arguments) as response:
                     if response.is_error:
-                        await response.aread()
+                        response.read()
                         raise calls.problem_of(response, self.server)
-                    async for text in response.aiter_text():
+                    for text in response.iter_text():
                         reconnects.heard()
                         for event in decoder.feed(text):
                             yield event
@@ -204,9 +209,9 @@ class AsyncClient(ClientBase):
             except (httpx.TransportError, ServerError) as error:
                 failure = error
             decoder.reset()
-            await asyncio.sleep(self._reconnect_pause_s(reconnects, failure))
+            time.sleep(self._reconnect_pause_s(reconnects, failure))
 
-    async def wait(
+    def wait(
         self,
         job_id: str,
         *,
@@ -214,12 +219,12 @@ class AsyncClient(ClientBase):
         on_event: Callable[[Event], None] | None = None,
     ) -> Job:
         """Wait until a job has ended; `TimeoutError` after `timeout_s`."""
-        async for event in self.events(job_id, timeout_s=timeout_s):
+        for event in self.events(job_id, timeout_s=timeout_s):
             if on_event is not None:
                 on_event(event)
-        return await self.job(job_id)
+        return self.job(job_id)
 
-    async def download(
+    def download(
         self,
         job_id: str,
         name: str,
@@ -240,21 +245,21 @@ class AsyncClient(ClientBase):
                 arguments = self._arguments(call)
                 arguments["headers"] |= download.headers()
                 try:
-                    async with self._http.stream(**arguments) as response:
+                    with self._http.stream(**arguments) as response:
                         if response.is_error:
-                            await response.aread()
+                            response.read()
                             raise calls.problem_of(response, self.server)
                         download.start(response)
-                        async for block in response.aiter_bytes():
+                        for block in response.iter_bytes():
                             download.write(block)
                     return download.finish()
                 except (httpx.TransportError, ServerError) as error:
-                    await asyncio.sleep(self._pause_s(tried, error, call))
+                    time.sleep(self._pause_s(tried, error, call))
 
-    async def preview(self, job_id: str) -> bytes:
+    def preview(self, job_id: str) -> bytes:
         """The image so far, as the bytes of a PNG file."""
         call = calls.preview_call(job_id)
-        response = await self._http.request(**self._arguments(call))
+        response = self._http.request(**self._arguments(call))
         if response.is_error:
             raise calls.problem_of(response, self.server)
         return response.content

@@ -7,9 +7,9 @@ from typing import Any
 
 import httpx
 
-from raykiln_service import client_calls as calls
-from raykiln_service.client_calls import DEFAULT_SERVER, Call, Reconnects, RetryPolicy
-from raykiln_service.client_models import ServerError, ServerUnreachableError
+from raykiln_service.client import calls
+from raykiln_service.client.calls import DEFAULT_SERVER, Call, Reconnects, RetryPolicy
+from raykiln_service.client.models import ServerError, ServerUnreachableError
 
 CHUNK_BYTES = 1 << 20
 

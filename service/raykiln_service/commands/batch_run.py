@@ -50,11 +50,11 @@ class Item:
     settings: dict[str, Any] = field(default_factory=dict)
     """`RenderSettings` fields."""
 
-    def fingerprint(self, engine_version: str) -> str:
+    def fingerprint(self, engine_version: str, arguments: list[str]) -> str:
         """Hash of all that decides the outputs, but for side files of the scene."""
         digest = hashlib.sha256(self.file.read_bytes())
         settings = {k: v for k, v in self.settings.items() if k != "threads"}
-        digest.update(json.dumps([engine_version, settings], sort_keys=True).encode())
+        digest.update(json.dumps([engine_version, settings, arguments], sort_keys=True).encode())
         return digest.hexdigest()[:32]
 
 
@@ -145,7 +145,7 @@ class Batch:
             if self._stopping:
                 return
             try:
-                entry.fingerprint = item.fingerprint(self._version)
+                entry.fingerprint = item.fingerprint(self._version, self._arguments)
                 if earlier is not None and self._is_finished(entry, earlier):
                     entry.outputs, entry.seconds = earlier["outputs"], earlier["seconds"]
                     entry.state, entry.skipped = "done", True

@@ -9,7 +9,7 @@ from collections import Counter
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from raykiln_service.batch import OUTPUTS, Item
+from raykiln_service.commands.batch_run import OUTPUTS, Item
 from raykiln_service.commands.console import CommandError
 from raykiln_service.commands.options import settings_of
 from raykiln_service.commands.scenes import resolve_scene

@@ -10,7 +10,7 @@ from typing import Self
 
 import httpx
 
-from raykiln_service.client_models import ClientError
+from raykiln_service.client.models import ClientError
 from raykiln_service.files import sync_dir
 
 

@@ -1,0 +1,34 @@
+"""The Python client of a raykiln service: `Client` (blocking) and `AsyncClient`.
+
+Calls that can be repeated without harm are tried again after a broken connection or a busy
+service: reads, uploads (the same bytes are stored once) and submissions (by idempotency key).
+"""
+
+from raykiln_service.client.asynchronous import AsyncClient
+from raykiln_service.client.blocking import Client
+from raykiln_service.client.models import (
+    Asset,
+    ClientError,
+    Event,
+    Job,
+    JobPage,
+    JobProgress,
+    ServerError,
+    ServerUnreachableError,
+)
+from raykiln_service.client.packing import Package, package
+
+__all__ = [
+    "Asset",
+    "AsyncClient",
+    "Client",
+    "ClientError",
+    "Event",
+    "Job",
+    "JobPage",
+    "JobProgress",
+    "Package",
+    "ServerError",
+    "ServerUnreachableError",
+    "package",
+]
