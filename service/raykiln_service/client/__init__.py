@@ -13,6 +13,7 @@ from raykiln_service.client.models import (
     Job,
     JobPage,
     JobProgress,
+    Output,
     ServerError,
     ServerUnreachableError,
 )
@@ -27,6 +28,7 @@ __all__ = [
     "Job",
     "JobPage",
     "JobProgress",
+    "Output",
     "Package",
     "ServerError",
     "ServerUnreachableError",

@@ -275,4 +275,4 @@ class Reconnects:
         if time.monotonic() - self._last_heard > self._patience_s:
             return None
         self._tries += 1
-        return min(2.0, 0.1 * 2 ** min(self._tries, 8))
+        return min(2.0, 0.1 * 2.0 ** min(self._tries, 8))

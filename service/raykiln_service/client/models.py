@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -72,17 +73,29 @@ class Asset(Model):
     id: str
     """`sha256:` and 64 hex digits."""
     size_bytes: int
+    filename: str | None = None
 
 
 class JobProgress(Model):
     """How far a job has come."""
 
+    phase: str = ""
+    """waiting, load, render, encode or done."""
     fraction: float = 0.0
     """0 to 1."""
-    spp_done: int = 0
+    spp_done: int | None = None
     spp: int | None = None
-    eta_s: float | None = None
     elapsed_s: float | None = None
+    eta_s: float | None = None
+
+
+class Output(Model):
+    """A file of a job's result."""
+
+    name: str
+    media_type: str
+    size_bytes: int
+    sha256: str
 
 
 class Job(Model):
@@ -91,13 +104,22 @@ class Job(Model):
     id: str
     state: str
     """queued, running, succeeded, failed or cancelled."""
-    progress: JobProgress | None = None
+    progress: JobProgress = Field(default_factory=JobProgress)
     queue_position: int | None = None
+    """Jobs that go before it, if it is queued."""
+    settings: dict[str, Any] = Field(default_factory=dict)
+    """As given."""
     attempts: int = 0
     labels: dict[str, str] = Field(default_factory=dict)
+    created_at: datetime | None = None
+    finished_at: datetime | None = None
     error: dict[str, Any] | None = None
     warnings: list[str] = Field(default_factory=list)
-    links: dict[str, Any] = Field(default_factory=dict)
+    complete: bool | None = None
+    """False for the partial image of a cancelled job; None without an image."""
+    outputs: list[Output] = Field(default_factory=list)
+    stats: dict[str, Any] | None = None
+    links: dict[str, str] = Field(default_factory=dict)
 
     @property
     def is_final(self) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -34,7 +36,6 @@ LabelOption = Annotated[
     list[str] | None, typer.Option("--label", help="Label; may repeat.", metavar="KEY=VALUE")
 ]
 _OUTPUT_OF = {".exr": "image.exr", ".png": "image.png", ".json": "stats.json"}
-DEFAULT_OUTPUTS = ("image.exr", "image.png", "stats.json")
 
 
 @with_render_options
@@ -73,7 +74,7 @@ def submit(
     check_view(view, exposure)
     settings = options.settings().model_dump(mode="json", exclude_unset=True)
     labels = parse_labels(label)
-    targets = download_targets(output)
+    targets = download_targets(output or [])
     with Client(server) as client:
         spec = _upload(client, scene)
         job = client.submit(spec, settings, priority=priority, labels=labels)
@@ -89,8 +90,7 @@ def submit(
         if as_json:
             print_json(job.model_dump(mode="json"))
         conclude(job, quiet=quiet or as_json)
-        for name, path in targets:
-            fetch(client, job.id, name, path, exposure, view)
+        for path in download_all(client, job, targets, exposure=exposure, view=view):
             if not (quiet or as_json):
                 print(path)
 
@@ -132,38 +132,56 @@ def parse_labels(texts: list[str] | None) -> dict[str, str]:
     return labels
 
 
-def download_targets(
-    paths: list[Path] | None, names: list[str] | None = None
-) -> list[tuple[str, Path]]:
-    """Which output goes to which file; raises now for what could not be written later."""
+@dataclass(frozen=True)
+class Target:
+    """Where to download to: one output to a file, or several to a folder."""
+
+    path: Path
+    name: str | None
+    """The output; None = those of the job, to the folder `path`."""
+
+
+def download_targets(paths: list[Path], names: list[str] | None = None) -> list[Target]:
+    """What goes where; raises now for what could not be written later."""
     for name in names or []:
         if Path(name).name != name:
             raise usage_error("NAME", "not the name of an output", found=name)
-    targets: list[tuple[str, Path]] = []
-    for path in paths or []:
+    targets: list[Target] = []
+    for path in paths:
         if path.is_dir():
-            targets += [(name, path / name) for name in names or DEFAULT_OUTPUTS]
+            targets += [Target(path / n, n) for n in names] if names else [Target(path, None)]
         elif names and len(names) == 1:
-            targets.append((names[0], path))
+            targets.append(Target(path, names[0]))
         elif path.suffix.lower() in _OUTPUT_OF:
-            targets.append((_OUTPUT_OF[path.suffix.lower()], path))
+            targets.append(Target(path, _OUTPUT_OF[path.suffix.lower()]))
         else:
-            raise usage_error(
-                "-o",
-                f"not a folder, nor a file of a known kind: {path}",
-                accepted=".exr .png .json",
-            )
-    for _, path in targets:
-        check_writable(path, "-o")
+            accepted = "an existing folder, or a file ending in .exr, .png or .json"
+            raise usage_error("-o", "not a place to download to", found=path, accepted=accepted)
+    for target in targets:
+        check_writable(target.path if target.name else target.path / "x", "-o")
     return targets
 
 
-def fetch(client: Client, job: str, name: str, path: Path, exposure: float, view: str) -> None:
-    """Download one output; exposure and view matter to the PNG image alone."""
-    if name == "image.png":
-        client.download(job, name, path, exposure=exposure, view=view)
-    else:
-        client.download(job, name, path)
+def download_all(
+    client: Client, job: Job, targets: list[Target], *, exposure: float, view: str
+) -> Iterator[Path]:
+    """Download a job's outputs, one file at a time; gives the paths."""
+    for target in targets:
+        if target.name is not None:
+            yield _fetch(client, job, target.name, target.path, exposure, view)
+            continue
+        if not job.outputs:
+            raise CommandError(f"job {job.id} has no outputs (found state {job.state})")
+        for output in job.outputs:
+            name = Path(output.name).name
+            yield _fetch(client, job, name, target.path / name, exposure, view)
+
+
+def _fetch(client: Client, job: Job, name: str, path: Path, exposure: float, view: str) -> Path:
+    # The PNG image is made for another view only when one is asked for.
+    if name == "image.png" and (exposure, view) != (0.0, "srgb"):
+        return client.download(job.id, name, path, exposure=exposure, view=view)
+    return client.download(job.id, name, path)
 
 
 def status(job: JobArgument, server: ServerOption = None, as_json: JsonOption = False) -> None:
@@ -225,7 +243,7 @@ def _line(job: Job) -> str:
     text = f"{job.id}  {job.state:<9}"
     if job.state == "queued" and job.queue_position is not None:
         text += f"  position {job.queue_position}"
-    elif job.progress is not None:
+    elif job.state == "running":
         text += f"  {job.progress.fraction:4.0%}"
     labels = ", ".join(f"{key}={value}" for key, value in job.labels.items())
     return f"{text}  {labels}".rstrip()
@@ -272,9 +290,11 @@ def download(
     check_view(view, exposure)
     targets = download_targets(output or [Path()], names)
     with Client(server) as client:
-        for name, path in targets:
-            fetch(client, job, name, path, exposure, view)
+        found = client.job(job)
+        paths = []
+        for path in download_all(client, found, targets, exposure=exposure, view=view):
+            paths.append(str(path))
             if not as_json:
                 print(path)
     if as_json:
-        print_json([str(path) for _, path in targets])
+        print_json(paths)

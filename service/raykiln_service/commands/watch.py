@@ -108,7 +108,7 @@ class WatchReporter:
 
     def _show_progress(self, data: dict[str, Any]) -> None:
         fraction, spp = float(data.get("fraction") or 0.0), int(data.get("spp_done") or 0)
-        info = f"{spp}/{data.get('spp') or '?'} spp"
+        info = f"{data.get('phase', '')} {spp}/{data.get('spp') or '?'} spp"
         if data.get("eta_s") is not None:
             info += f", ETA {duration(data['eta_s'])}"
         if self._bar is not None:
