@@ -3,6 +3,9 @@
 #include <array>
 #include <string_view>
 
+#include "image/bmp.h"
+#include "image/targa.h"
+
 namespace raykiln {
 
 namespace {
@@ -15,7 +18,7 @@ struct Magic {
     FileKind kind;
 };
 
-constexpr std::array magics{
+const std::array magics{
     Magic{0, "\x76\x2f\x31\x01"sv, {"openexr", "OpenEXR"}},
     Magic{0, "\x89PNG\r\n\x1a\n"sv, {"png", "PNG"}},
     Magic{0, "\xff\xd8\xff"sv, {"jpeg", "JPEG"}},
@@ -25,7 +28,7 @@ constexpr std::array magics{
     Magic{0, "II+\0"sv, {"tiff", "BigTIFF"}},
     Magic{0, "MM\0+"sv, {"tiff", "BigTIFF"}},
     Magic{8, "WEBP"sv, {"webp", "WebP"}},
-    Magic{0, "BM"sv, {"bmp", "BMP"}},
+    Magic{0, "BM"sv, {nullptr, "BMP", &decode_bmp}},
 };
 
 bool starts_with(std::string_view head, const Magic& magic) {
@@ -60,7 +63,7 @@ std::optional<FileKind> file_kind(std::span<const std::byte> head) {
         }
     }
     if (looks_like_targa(text)) {
-        return FileKind{"targa", "Targa"};
+        return FileKind{nullptr, "Targa", &decode_targa};
     }
     return std::nullopt;
 }

@@ -4,12 +4,15 @@
 #include <optional>
 #include <span>
 
+#include "image/image.h"
+
 namespace raykiln {
 
 /// A kind of image file that may be read.
 struct FileKind {
-    const char* reader;  ///< name of its OpenImageIO reader
+    const char* reader;  ///< name of its OpenImageIO reader, where it has no `decode`
     const char* title;   ///< its name in messages
+    Image (*decode)(std::span<const std::byte> file) = nullptr;  ///< our own decoder
 };
 
 /// Leading bytes that `file_kind` needs to see (fewer only if the file is shorter).

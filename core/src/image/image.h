@@ -2,7 +2,9 @@
 
 #include <cstddef>
 #include <cstdint>
+#include <cstdlib>
 #include <memory>
+#include <new>
 #include <span>
 #include <string>
 #include <utility>
@@ -30,12 +32,29 @@ struct Window {
     int full_width = 0, full_height = 0;
 };
 
+/// Memory of `std::calloc`.
+struct FreeMemory {
+    void operator()(std::byte* memory) const { std::free(memory); }
+};
+using PixelMemory = std::unique_ptr<std::byte[], FreeMemory>;
+
+/// Memory for pixels.  Zero, because some decoders leave out what a short file lacks; of
+/// `calloc`, which does not touch its pages, so that a decoder that fails early costs
+/// nothing.
+inline PixelMemory zeroed_pixels(std::size_t bytes) {
+    auto* memory = static_cast<std::byte*>(std::calloc(bytes, 1));
+    if (!memory) {
+        throw std::bad_alloc();
+    }
+    return PixelMemory(memory);
+}
+
 /// A pixel buffer: rows from the top, interleaved channels, no padding.
 /// Move-only, because it may be large.
 struct Image {
     int width = 0, height = 0, channels = 0;
     PixelFormat format = PixelFormat::f32;
-    std::unique_ptr<std::byte[]> pixels;
+    PixelMemory pixels;
     std::vector<std::string> channel_names;
     Window window;
     Metadata metadata;

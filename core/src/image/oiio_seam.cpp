@@ -22,7 +22,8 @@ void prepare_oiio() {
 }
 
 std::string without_name(std::string message, const std::string& name) {
-    for (const std::string& text : {" (\"" + name + "\")", "\"" + name + "\"", name}) {
+    const std::string quoted = "\"" + name + "\"";
+    for (const std::string& text : {" (" + quoted + ")", " " + quoted, quoted, name}) {
         for (std::size_t at; (at = message.find(text)) != std::string::npos;) {
             message.erase(at, text.size());
         }
