@@ -93,7 +93,8 @@ def _ears(ring: Array, points: Array, normal: Array) -> Array:
         found.append((left[ear - 1], left[ear], left[(ear + 1) % len(left)]))
         del left[ear]
     found.append((left[0], left[1], left[2]))
-    return ring[np.array(found)]
+    triangles: Array = ring[np.array(found)]
+    return triangles
 
 
 def _is_ear(flat: Array, left: list[int], i: int) -> bool:

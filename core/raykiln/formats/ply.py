@@ -120,7 +120,7 @@ def _ascii_body(data: bytes, start: int) -> bytes:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         try:
-            return np.fromstring(data[start:], dtype="<f8", sep=" ").tobytes()  # type: ignore[call-overload, no-any-return]
+            return np.fromstring(data[start:], dtype="<f8", sep=" ").tobytes()
         except (DeprecationWarning, ValueError):
             raise SceneError("a word among the numbers of the ASCII PLY file") from None
 
