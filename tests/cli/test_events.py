@@ -47,11 +47,11 @@ def test_any_text_survives(text: str) -> None:
     assert event.data == text
 
 
-def test_a_lost_connection_drops_the_half_event_and_keeps_the_id() -> None:
+def test_a_lost_connection_drops_the_half_event_and_its_id() -> None:
     decoder = EventDecoder()
     decoder.feed("id: 7\ndata: 1\n\nid: 8\ndata: ha")
     decoder.reset()
-    assert decoder.feed("data: 2\n\n") == [Event("message", 2, "8")]
+    assert decoder.feed("data: 2\n\n") == [Event("message", 2, "7")]
 
 
 def test_only_repeatable_calls_are_sent_twice() -> None:

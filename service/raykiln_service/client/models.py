@@ -157,6 +157,8 @@ class EventDecoder:
 
     def __init__(self, last_id: str | None = None) -> None:
         self.last_id = last_id
+        """The id of the last event that arrived whole."""
+        self._id = last_id
         self._type = ""
         self._data: list[str] = []
         self._rest = ""
@@ -173,6 +175,7 @@ class EventDecoder:
 
     def reset(self) -> None:
         """Drop a half-received event (the connection was lost); the last id stays."""
+        self._id = self.last_id
         self._type, self._data, self._rest = "", [], ""
 
     def _line(self, line: str) -> Event | None:
@@ -185,12 +188,13 @@ class EventDecoder:
         elif name == "data":
             self._data.append(value)
         elif name == "id" and "\0" not in value:
-            self.last_id = value or None
+            self._id = value or None
         return None
 
     def _dispatch(self) -> Event | None:
         text, kind, had_data = "\n".join(self._data), self._type or "message", bool(self._data)
         self._type, self._data = "", []
+        self.last_id = self._id
         if not had_data:
             return None
         try:
