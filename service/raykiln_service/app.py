@@ -1,0 +1,177 @@
+"""The HTTP application, and serving it."""
+
+from __future__ import annotations
+
+import errno
+import signal
+import socket
+import threading
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from types import FrameType
+from typing import Any
+
+import raykiln as rk
+import uvicorn
+from fastapi import FastAPI, Request, Response
+from fastapi.exceptions import RequestValidationError
+from fastapi.openapi.utils import get_openapi
+from raykiln.errors import pointer_of, shorten
+from sqlalchemy.exc import OperationalError
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+
+from raykiln_service import logs
+from raykiln_service.errors import (
+    InvalidRequestError,
+    ServiceError,
+    StartupError,
+    StorageFullError,
+    UnavailableError,
+    error_of_status,
+)
+from raykiln_service.middleware import Guard, problem_reply
+from raykiln_service.protocol import PatientProtocol
+from raykiln_service.routes import about, assets, events, jobs, outputs
+from raykiln_service.service import Service
+from raykiln_service.settings import ServiceSettings
+
+_DRAIN_S = 2
+_NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
+
+
+def create_app(service: Service) -> FastAPI:
+    """The application around a service; it starts and closes the service with itself."""
+
+    @asynccontextmanager
+    async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
+        await run_in_threadpool(service.start)
+        yield
+        await run_in_threadpool(service.close)
+
+    app = FastAPI(
+        title="raykiln",
+        version=rk.__version__,
+        summary="Render jobs over HTTP.",
+        lifespan=lifespan,
+        docs_url=None,
+        redoc_url=None,
+    )
+    app.state.context = service.context
+    for part in (about, assets, jobs, events, outputs):
+        app.include_router(part.router)
+    _add_error_handlers(app)
+    app.add_middleware(Guard, settings=service.settings)
+    app.openapi = lambda: _openapi(app)  # type: ignore[method-assign]
+    return app
+
+
+def serve(settings: ServiceSettings) -> None:
+    """Run the service until SIGTERM or SIGINT.
+
+    Prints ``raykiln serving on http://host:port`` when it is ready.
+
+    Raises
+    ------
+    StartupError
+        A used port, a data folder in use, no token for a public address.
+    """
+    logs.configure(settings.log_format)
+    settings.check_exposure()
+    listener = _bind(settings.host, settings.port)
+    with listener:
+        service = Service(settings)
+        config = uvicorn.Config(
+            create_app(service),
+            http=PatientProtocol,
+            ws="none",
+            log_config=None,
+            access_log=False,
+            server_header=False,
+            timeout_graceful_shutdown=_DRAIN_S,
+        )
+        _Server(config, service).run(sockets=[listener])
+
+
+class _Server(uvicorn.Server):
+    def __init__(self, config: uvicorn.Config, service: Service) -> None:
+        super().__init__(config)
+        self._service = service
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        if self.started and sockets:
+            host, port = sockets[0].getsockname()[:2]
+            shown = f"[{host}]" if ":" in host else host
+            print(f"raykiln serving on http://{shown}:{port}", flush=True)
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        # Called between any two instructions of the event loop, which may hold the very locks
+        # that stopping needs: another thread takes them.
+        threading.Thread(target=self._service.begin_stop).start()
+        self.force_exit = self.should_exit and sig == signal.SIGINT
+        self.should_exit = True
+
+
+def _bind(host: str, port: int) -> socket.socket:
+    try:
+        found = socket.getaddrinfo(host.strip("[]"), port, type=socket.SOCK_STREAM)
+        family, kind, protocol, _name, address = found[0]
+        listener = socket.socket(family, kind, protocol)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind(address)
+    except OSError as error:
+        reason = "in use" if error.errno == errno.EADDRINUSE else f"not usable: {error.strerror}"
+        raise StartupError(f"port {port} of {host} is {reason}") from None
+    return listener
+
+
+def _add_error_handlers(app: FastAPI) -> None:
+    @app.exception_handler(ServiceError)
+    async def _service_error(_request: Request, error: ServiceError) -> Response:
+        return problem_reply(error)
+
+    @app.exception_handler(HTTPException)
+    async def _http_error(_request: Request, error: HTTPException) -> Response:
+        return problem_reply(error_of_status(error.status_code, error.detail, error.headers))
+
+    @app.exception_handler(RequestValidationError)
+    async def _invalid(_request: Request, error: RequestValidationError) -> Response:
+        return problem_reply(_parameter_error(error))
+
+    @app.exception_handler(Exception)
+    async def _unexpected(request: Request, error: Exception) -> Response:
+        return problem_reply(_as_service_error(request, error))
+
+
+def _parameter_error(error: RequestValidationError) -> InvalidRequestError:
+    first = error.errors()[0]
+    source, *rest = first["loc"]
+    name = "/".join(map(str, rest))
+    pointer = f"?{name}" if source == "query" else f"{source}: {name}"
+    if source == "body":
+        pointer = pointer_of(tuple(rest))
+    return InvalidRequestError(first["msg"], pointer=pointer, found=shorten(first.get("input")))
+
+
+def _as_service_error(request: Request, error: Exception) -> ServiceError:
+    if isinstance(error, OSError) and error.errno in _NO_SPACE:
+        return StorageFullError()
+    if isinstance(error, OperationalError):
+        if "full" in str(error.orig):
+            return StorageFullError()
+        return UnavailableError("the database does not answer", headers={"Retry-After": "5"})
+    logs.get_logger().error("request broke", path=request.url.path, exc_info=error)
+    return ServiceError()
+
+
+def _openapi(app: FastAPI) -> dict[str, Any]:
+    if app.openapi_schema is None:
+        document = get_openapi(
+            title=app.title, version=app.version, summary=app.summary, routes=app.routes
+        )
+        document.setdefault("components", {}).setdefault("schemas", {}).update(
+            jobs.describe_extra()
+        )
+        app.openapi_schema = document
+    return app.openapi_schema

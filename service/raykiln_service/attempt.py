@@ -1,0 +1,246 @@
+"""One attempt at one job: from the lease to the commit."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy.exc import SQLAlchemyError
+
+from raykiln_service.assets import AssetStore
+from raykiln_service.errors import LeaseLostError, ServiceError
+from raykiln_service.events import EventHub
+from raykiln_service.executors.base import Executor, Outcome, OutcomeKind, StopReason, Task
+from raykiln_service.files import publish_folder, remove_tree, sha256_of, write_json
+from raykiln_service.jobs import Job, JobState, Lease
+from raykiln_service.logs import JobLog, get_logger
+from raykiln_service.metrics import Metrics
+from raykiln_service.planner import Unit, plan
+from raykiln_service.settings import ServiceSettings
+from raykiln_service.store import Store
+
+_CANCEL_POLL_S = 0.2
+_MAX_DELAY_S = 30.0
+MEDIA_TYPES = {".exr": "image/x-exr", ".png": "image/png", ".json": "application/json"}
+
+
+class Attempt:
+    """Runs a claimed job; also the `Watcher` of its task."""
+
+    def __init__(
+        self,
+        job: Job,
+        *,
+        store: Store,
+        assets: AssetStore,
+        hub: EventHub,
+        metrics: Metrics,
+        settings: ServiceSettings,
+        is_stopping: Callable[[], bool],
+    ) -> None:
+        assert job.lease is not None
+        self._job = job
+        self._lease: Lease = job.lease
+        self._store = store
+        self._assets = assets
+        self._hub = hub
+        self._metrics = metrics
+        self._settings = settings
+        self._is_stopping = is_stopping
+        self._folder = assets.job_dir(job.id)
+        self._folder.mkdir(parents=True, exist_ok=True)
+        self._work_dir = self._folder / f"work-{self._lease.token}"
+        self._log = JobLog(self._folder / "log.txt", self._lease.attempt)
+        self._service_log = get_logger(job=job.id, attempt=self._lease.attempt)
+        self._progress: Mapping[str, Any] | None = None
+        self._first_spp: int | None = None
+        self._beat_at = time.monotonic()
+        self._polled_at = 0.0
+        self._reason: StopReason | None = None
+
+    def run(self, slot: int, executor: Executor) -> None:
+        """Render and commit; every way out leaves the job in a state from which it goes on."""
+        self._say("begins")
+        try:
+            outcome = self._render(slot, executor)
+            self._commit(outcome)
+        except LeaseLostError:
+            self._say("lost its lease, its result is dropped")
+        except ServiceError as error:
+            problem = {"reason": error.slug, **error.problem()}
+            self._try(lambda: self._fail(problem))
+        except OSError as error:
+            detail = f"the data folder: {error.strerror or error}"
+            self._try(lambda: self._lose("storage", detail))
+        except SQLAlchemyError as error:
+            self._say(f"could not be committed: {error}")
+        except Exception:
+            self._service_log.exception("attempt broke in the service")
+            self._try(lambda: self._lose("internal", "the service broke during the attempt"))
+        finally:
+            remove_tree(self._work_dir)
+
+    # What the executor tells and asks
+
+    def progress(self, progress: Mapping[str, Any]) -> None:
+        """Note how far it has come."""
+        self._progress = progress
+        spp = progress.get("spp_done")
+        if self._first_spp is None:
+            self._first_spp = spp
+        self._hub.progress_made(self._job.id, progress)
+
+    def preview(self) -> None:
+        """Tell of a new preview."""
+        spp = (self._progress or {}).get("spp_done", 0)
+        self._hub.preview_made(self._job.id, spp)
+
+    def log(self, line: str) -> None:
+        """Keep a line in the job's log."""
+        self._log.write(line)
+
+    def stop_reason(self) -> StopReason | None:
+        """Beat the lease's heart if it is time, and look whether the end was asked for."""
+        if self._is_stopping():
+            return StopReason.SHUTDOWN
+        now = time.monotonic()
+        try:
+            if now - self._beat_at >= self._settings.heartbeat_s:
+                self._beat_at = now
+                self._beat()
+            if now - self._polled_at >= _CANCEL_POLL_S:
+                self._polled_at = now
+                self._reason = StopReason.CANCEL if self._asked_to_cancel() else self._reason
+        except LeaseLostError:
+            self._reason = StopReason.LEASE_LOST
+        except SQLAlchemyError as error:
+            self._service_log.warning("heartbeat not written", error=str(error))
+        return self._reason
+
+    def _beat(self) -> None:
+        spp = (self._progress or {}).get("spp_done") or 0
+        advanced = self._first_spp is not None and spp > self._first_spp
+        self._store.heartbeat(
+            self._lease, self._settings.lease_s, self._progress, advanced=advanced
+        )
+
+    def _asked_to_cancel(self) -> bool:
+        job = self._store.job(self._job.id)
+        if job.lease != self._lease:
+            raise LeaseLostError
+        return job.cancel_requested
+
+    # The way of an attempt
+
+    def _render(self, slot: int, executor: Executor) -> Outcome:
+        self._work_dir.mkdir()
+        units = plan(self._job.spec.settings)
+        assert len(units) == 1
+        return executor.run(slot, self._task(units[0]), self)
+
+    def _task(self, unit: Unit) -> Task:
+        scene = self._assets.locate(self._job.id, self._job.spec.scene)
+        return Task(
+            job_id=self._job.id,
+            token=self._lease.token,
+            unit=unit,
+            scene_path=scene.path,
+            base_dir=scene.base_dir,
+            settings=self._job.spec.settings,
+            outputs=self._job.spec.outputs,
+            work_dir=self._work_dir,
+            checkpoint=self._folder / "checkpoint",
+            preview=self._folder / "preview.png",
+        )
+
+    def _commit(self, outcome: Outcome) -> None:
+        match outcome.kind:
+            case OutcomeKind.DONE:
+                assert outcome.result is not None
+                result = self._publish(outcome.result)
+                self._end(lambda: self._store.succeed(self._lease, result))
+                self._metrics.note_result(result["stats"]["queue_s"], result["stats"])
+                self._tidy(result)
+            case OutcomeKind.STOPPED if self._reason is StopReason.CANCEL:
+                kept = None if outcome.result is None else self._publish(outcome.result)
+                self._end(lambda: self._store.end_cancelled(self._lease, kept))
+                self._tidy(kept)
+            case OutcomeKind.STOPPED if self._reason is None:
+                self._end(lambda: self._store.release(self._lease))
+            case OutcomeKind.STOPPED:
+                raise LeaseLostError
+            case OutcomeKind.REJECTED:
+                self._fail(outcome.error)
+            case OutcomeKind.BROKEN:
+                self._lose(outcome.error["reason"], outcome.error["detail"], outcome.error)
+
+    def _fail(self, error: Mapping[str, Any]) -> None:
+        self._say(f"failed: {error['detail']}")
+        self._end(lambda: self._store.fail(self._lease, error))
+
+    def _lose(self, reason: str, detail: str, error: Mapping[str, Any] | None = None) -> None:
+        self._say(f"lost: {detail}")
+        self._metrics.lost.labels(reason).inc()
+        problem = error or {"reason": reason, "title": "The attempt was lost", "detail": detail}
+        delay_s = min(_MAX_DELAY_S, 2.0**self._job.failures)
+        self._end(lambda: self._store.lose(self._lease, problem, own_fault=True, delay_s=delay_s))
+
+    def _publish(self, result: Mapping[str, Any]) -> dict[str, Any]:
+        """The outputs in their final folder, durably; what the job's row will say of them."""
+        stats = dict(result["stats"])
+        created, started = self._job.created_ms, self._job.started_ms or self._job.created_ms
+        stats["queue_s"] = (started - created) / 1000
+        stats["total_s"] = max(0.0, (self._store.clock() - created) / 1000)
+        write_json(self._work_dir / "stats.json", stats)
+        files = [_describe(path) for path in sorted(self._work_dir.iterdir())]
+        place = self._folder / f"result-{self._lease.token}"
+        publish_folder(self._work_dir, place)
+        return {**result, "stats": stats, "dir": place.name, "files": files}
+
+    def _end(self, commit: Callable[[], JobState]) -> None:
+        """Commit the end; a database that cannot take it now is asked again."""
+        pause_s = 0.2
+        while True:
+            try:
+                state = commit()
+            except SQLAlchemyError as error:
+                self._service_log.warning("commit postponed", error=str(error))
+                if self._is_stopping():
+                    raise
+                time.sleep(pause_s)
+                pause_s = min(5.0, pause_s * 2)
+                continue
+            break
+        self._say(f"ends, the job is {state}")
+        if state.is_final:
+            self._metrics.ended.labels(str(state)).inc()
+
+    def _try(self, end: Callable[[], None]) -> None:
+        try:
+            end()
+        except (LeaseLostError, SQLAlchemyError) as error:
+            self._say(f"could not be ended: {error}")
+
+    def _tidy(self, result: Mapping[str, Any] | None) -> None:
+        """Remove what no reader needs any more; what stays for a crash goes with the job."""
+        kept = None if result is None else result["dir"]
+        for folder in self._folder.glob("result-*"):
+            if folder.name != kept:
+                remove_tree(folder)
+        if result is not None and result["complete"]:
+            (self._folder / "checkpoint").unlink(missing_ok=True)
+
+    def _say(self, text: str) -> None:
+        self._log.write(text)
+        self._service_log.info(f"attempt {text}")
+
+
+def _describe(path: Path) -> dict[str, Any]:
+    return {
+        "name": path.name,
+        "media_type": MEDIA_TYPES.get(path.suffix, "application/octet-stream"),
+        "size_bytes": path.stat().st_size,
+        "sha256": sha256_of(path),
+    }

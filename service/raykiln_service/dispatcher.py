@@ -1,0 +1,132 @@
+"""Takes jobs from the store, one thread a slot, and sees each attempt through to its commit."""
+
+from __future__ import annotations
+
+import secrets
+import threading
+
+from sqlalchemy.exc import SQLAlchemyError
+
+from raykiln_service.assets import AssetStore
+from raykiln_service.attempt import Attempt
+from raykiln_service.events import EventHub
+from raykiln_service.executors.base import Executor
+from raykiln_service.jobs import Job
+from raykiln_service.logs import get_logger
+from raykiln_service.metrics import Metrics
+from raykiln_service.rows import StateEvent
+from raykiln_service.settings import ServiceSettings
+from raykiln_service.store import Store
+
+_IDLE_S = 0.5
+_SWEEP_S = 5.0
+
+
+class Dispatcher:
+    """Keeps the slots of an executor busy.
+
+    `start` first takes back the jobs that an earlier service left running.  `begin_stop` makes
+    the running attempts write their checkpoints and give their jobs back; `finish_stop` waits.
+    """
+
+    def __init__(
+        self,
+        store: Store,
+        assets: AssetStore,
+        executor: Executor,
+        hub: EventHub,
+        metrics: Metrics,
+        settings: ServiceSettings,
+    ) -> None:
+        self.owner = secrets.token_hex(8)
+        self._store = store
+        self._assets = assets
+        self._executor = executor
+        self._hub = hub
+        self._metrics = metrics
+        self._settings = settings
+        self._stopping = threading.Event()
+        self._wake = threading.Condition()
+        self._threads: list[threading.Thread] = []
+        self._log = get_logger()
+
+    def start(self) -> None:
+        """Take over, and begin to work."""
+        alone = self._store.database.is_sqlite
+        taken = self._store.void_leases(owner=self.owner, expired_only=not alone)
+        for job_id in taken:
+            self._log.info("job taken back from an earlier service", job=job_id)
+        self._store.listen(self._heard)
+        self._executor.start()
+        for slot in range(self._executor.slots):
+            self._spawn(self._work, slot)
+        if not alone:
+            self._spawn(self._sweep)
+
+    def begin_stop(self) -> None:
+        """Claim nothing more; running attempts stop at their next look."""
+        self._stopping.set()
+        with self._wake:
+            self._wake.notify_all()
+
+    def finish_stop(self, timeout_s: float) -> None:
+        """Wait for the attempts, then end the executor."""
+        self.begin_stop()
+        for thread in self._threads:
+            thread.join(timeout_s)
+        self._executor.stop()
+
+    def is_ready(self) -> bool:
+        """Whether jobs are being worked on."""
+        alive = all(thread.is_alive() for thread in self._threads)
+        return alive and not self._stopping.is_set() and self._executor.is_ready()
+
+    def _spawn(self, target: object, *arguments: object) -> None:
+        assert callable(target)
+        thread = threading.Thread(target=target, args=arguments, daemon=True)
+        self._threads.append(thread)
+        thread.start()
+
+    def _heard(self, event: StateEvent) -> None:
+        if event.data["state"] == "queued":
+            with self._wake:
+                self._wake.notify()
+
+    def _work(self, slot: int) -> None:
+        while not self._stopping.is_set():
+            job = self._claim()
+            if job is None:
+                with self._wake:
+                    self._wake.wait(_IDLE_S)
+                continue
+            try:
+                self._attempt(job).run(slot, self._executor)
+            except Exception:
+                # A slot must outlive whatever one job does to it; the job's lease runs out.
+                self._log.exception("attempt broke in the service", job=job.id)
+
+    def _claim(self) -> Job | None:
+        try:
+            return self._store.claim(self.owner, self._settings.lease_s)
+        except SQLAlchemyError as error:
+            self._log.warning("no job could be claimed", error=str(error))
+            self._stopping.wait(1.0)
+            return None
+
+    def _attempt(self, job: Job) -> Attempt:
+        return Attempt(
+            job,
+            store=self._store,
+            assets=self._assets,
+            hub=self._hub,
+            metrics=self._metrics,
+            settings=self._settings,
+            is_stopping=self._stopping.is_set,
+        )
+
+    def _sweep(self) -> None:
+        while not self._stopping.wait(_SWEEP_S):
+            try:
+                self._store.void_leases(owner=self.owner, expired_only=True)
+            except SQLAlchemyError as error:
+                self._log.warning("leases not swept", error=str(error))

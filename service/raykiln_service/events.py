@@ -1,0 +1,142 @@
+"""News of jobs for those who wait: from the threads that work to the event loop that serves.
+
+States are durable (the store numbers them); progress and previews are news of the moment, of
+which a slow reader gets the latest only.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import threading
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from raykiln_service.rows import StateEvent
+
+
+class Subscription:
+    """What one reader has not seen yet.  Used in the event loop that made it."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
+        self._loop = loop
+        self._wake = asyncio.Event()
+        self.state_changed = False
+        self.progress: Mapping[str, Any] | None = None
+        self.preview: Mapping[str, Any] | None = None
+        self.closed = False
+
+    def post(self, **news: Any) -> None:
+        """Add news, from any thread."""
+        with contextlib.suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(self._take, news)
+
+    def _take(self, news: Mapping[str, Any]) -> None:
+        for name, value in news.items():
+            setattr(self, name, value)
+        self._wake.set()
+
+    async def wait(self, timeout_s: float) -> bool:
+        """Wait for news; False if there were none in time."""
+        try:
+            await asyncio.wait_for(self._wake.wait(), timeout_s)
+        except TimeoutError:
+            return False
+        self._wake.clear()
+        return True
+
+    def take_progress(self) -> Mapping[str, Any] | None:
+        """The latest progress that was not taken yet."""
+        news, self.progress = self.progress, None
+        return news
+
+    def take_preview(self) -> Mapping[str, Any] | None:
+        """The latest preview that was not taken yet."""
+        news, self.preview = self.preview, None
+        return news
+
+    def take_state(self) -> bool:
+        """Whether the state has changed since the last call."""
+        news, self.state_changed = self.state_changed, False
+        return news
+
+
+class EventHub:
+    """Passes news on to subscriptions, and knows the latest progress of running jobs."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._readers: dict[str, set[Subscription]] = {}
+        self._progress: dict[str, Mapping[str, Any]] = {}
+        self._previews: dict[str, int] = {}
+        self._closed = False
+
+    @contextlib.contextmanager
+    def subscribe(self, job_id: str) -> Iterator[Subscription]:
+        """News of one job, from now on."""
+        reader = Subscription(asyncio.get_running_loop())
+        with self._lock:
+            self._readers.setdefault(job_id, set()).add(reader)
+            reader.closed = self._closed
+        try:
+            yield reader
+        finally:
+            with self._lock:
+                readers = self._readers[job_id]
+                readers.discard(reader)
+                if not readers:
+                    del self._readers[job_id]
+
+    def state_changed(self, event: StateEvent) -> None:
+        """A state has changed (a listener of the store)."""
+        if event.data["state"] != "running":
+            with self._lock:
+                self._progress.pop(event.job_id, None)
+        self._post(event.job_id, state_changed=True)
+
+    def progress_made(self, job_id: str, progress: Mapping[str, Any]) -> None:
+        """A running job has come so far."""
+        with self._lock:
+            self._progress[job_id] = progress
+        self._post(job_id, progress=progress)
+
+    def preview_made(self, job_id: str, spp_done: int) -> None:
+        """There is a new preview image."""
+        with self._lock:
+            number = self._previews[job_id] = self._previews.get(job_id, 0) + 1
+        self._post(job_id, preview={"number": number, "spp_done": spp_done})
+
+    def latest_progress(self, job_id: str) -> Mapping[str, Any] | None:
+        """How far a running job has come, if this process runs it."""
+        with self._lock:
+            return self._progress.get(job_id)
+
+    def forget(self, job_id: str) -> None:
+        """Drop what is known of a deleted job."""
+        with self._lock:
+            self._progress.pop(job_id, None)
+            self._previews.pop(job_id, None)
+
+    def reader_count(self) -> int:
+        """How many subscriptions there are."""
+        with self._lock:
+            return sum(len(readers) for readers in self._readers.values())
+
+    def close(self) -> None:
+        """End all subscriptions: the service is going down."""
+        with self._lock:
+            self._closed = True
+            readers = [reader for group in self._readers.values() for reader in group]
+        for reader in readers:
+            reader.post(closed=True)
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether the service is going down."""
+        return self._closed
+
+    def _post(self, job_id: str, **news: Any) -> None:
+        with self._lock:
+            readers = list(self._readers.get(job_id, ()))
+        for reader in readers:
+            reader.post(**news)

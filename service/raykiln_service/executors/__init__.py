@@ -1,0 +1,1 @@
+"""Where units are rendered.  The dispatcher knows `base.Executor` only."""

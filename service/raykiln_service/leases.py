@@ -1,0 +1,148 @@
+"""The dispatcher's side of the job store: claims, heartbeats and the ends of attempts."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Mapping
+from typing import Any
+
+import sqlalchemy as sa
+
+from raykiln_service.errors import LeaseLostError
+from raykiln_service.jobs import Job, JobEvent, JobState, Lease
+from raykiln_service.rows import dump, job_of
+from raykiln_service.store_base import Change, StoreBase, fence
+from raykiln_service.tables import jobs
+
+# A job whose every attempt takes the whole service down must end some day; each finished pass
+# starts the count anew.
+MAX_STALLS = 100
+
+
+class LeaseStore(StoreBase):
+    """Jobs as a dispatcher works on them."""
+
+    def claim(self, owner: str, lease_s: float) -> Job | None:
+        """Take the first job that is due, with a fresh lease; None if none is."""
+        now = self.clock()
+        query = (
+            sa.select(jobs)
+            .where(jobs.c.state == JobState.QUEUED, jobs.c.not_before_ms <= now)
+            .order_by(jobs.c.priority.desc(), jobs.c.seq)
+            .limit(1)
+            .with_for_update(skip_locked=True)
+        )
+        with self._change() as change:
+            row = change.connection.execute(query).mappings().one_or_none()
+            if row is None:
+                return None
+            job = job_of(row)
+            self._move(
+                change,
+                job,
+                JobEvent.CLAIM,
+                attempts=job.attempts + 1,
+                started_ms=job.started_ms or now,
+                lease_owner=owner,
+                lease_token=secrets.token_hex(16),
+                lease_expires_ms=now + int(lease_s * 1000),
+            )
+        return self.job(job.id)
+
+    def heartbeat(
+        self, lease: Lease, lease_s: float, progress: Mapping[str, Any] | None, *, advanced: bool
+    ) -> None:
+        """Prolong a lease and note the progress; `LeaseLostError` if it is lost.
+
+        `advanced` says that a pass was finished since the attempt began.
+        """
+        now = self.clock()
+        values: dict[str, Any] = {"lease_expires_ms": now + int(lease_s * 1000)}
+        if progress is not None:
+            values["progress"] = dump(dict(progress))
+        if advanced:
+            values["stalls"] = 0
+        with self.database.write() as connection:
+            query = jobs.update().where(*fence(lease)).values(**values)
+            if connection.execute(query).rowcount != 1:
+                raise LeaseLostError(f"attempt {lease.attempt} of {lease.job_id} lost its lease")
+
+    def succeed(self, lease: Lease, result: Mapping[str, Any]) -> JobState:
+        """Commit a finished image."""
+        return self._end_attempt(lease, JobEvent.SUCCEED, result=result)
+
+    def end_cancelled(self, lease: Lease, result: Mapping[str, Any] | None) -> JobState:
+        """Commit the end that was asked for, with the partial image if there is one."""
+        return self._end_attempt(lease, JobEvent.CANCEL, result=result)
+
+    def fail(self, lease: Lease, error: Mapping[str, Any]) -> JobState:
+        """Commit that the job cannot be rendered."""
+        return self._end_attempt(lease, JobEvent.FAIL, error=error)
+
+    def lose(
+        self, lease: Lease, error: Mapping[str, Any], *, own_fault: bool, delay_s: float = 0.0
+    ) -> JobState:
+        """Commit that an attempt was lost: back into the queue, or failed if that was too often.
+
+        Parameters
+        ----------
+        error
+            Why; kept as the job's error if it fails by this.
+        own_fault
+            The render process broke (counts against the attempts), not the service around it.
+        delay_s
+            Do not try again before.
+        """
+        with self._change() as change:
+            job = self._held_job(change.connection, lease)
+            failures = job.failures + own_fault
+            stalls = job.stalls + (not own_fault)
+            values: dict[str, Any] = {"failures": failures, "stalls": stalls}
+            if not own_fault:
+                values["interruptions"] = job.interruptions + 1
+            if failures >= job.max_attempts or stalls >= MAX_STALLS:
+                return self._finish(change, job, JobEvent.FAIL, error=error, **values)
+            values["not_before_ms"] = self.clock() + int(delay_s * 1000)
+            return self._finish(change, job, JobEvent.LOSE, error=error, **values)
+
+    def release(self, lease: Lease) -> JobState:
+        """Give a job back unharmed, at an orderly shutdown."""
+        return self._end_attempt(lease, JobEvent.LOSE)
+
+    def void_leases(self, *, owner: str, expired_only: bool) -> list[str]:
+        """Take the running jobs of other owners back; returns their ids.
+
+        With `expired_only` only those whose lease is over: other services may share the database.
+        """
+        query = sa.select(jobs).where(jobs.c.state == JobState.RUNNING, jobs.c.lease_owner != owner)
+        if expired_only:
+            query = query.where(jobs.c.lease_expires_ms < self.clock())
+        with self.database.read() as connection:
+            found = [job_of(row) for row in connection.execute(query).mappings()]
+        taken = []
+        for job in found:
+            assert job.lease is not None
+            reason = {"reason": "interrupted", "detail": "the service went away during the render"}
+            try:
+                self.lose(job.lease, reason, own_fault=False)
+            except LeaseLostError:
+                continue
+            taken.append(job.id)
+        return taken
+
+    def _end_attempt(self, lease: Lease, event: JobEvent, **values: Any) -> JobState:
+        with self._change() as change:
+            job = self._held_job(change.connection, lease)
+            return self._finish(change, job, event, **values)
+
+    def _finish(
+        self, change: Change, job: Job, event: JobEvent, *, error: Any = None, **values: Any
+    ) -> JobState:
+        # A cancel that was accepted wins over every other end of the attempt.
+        if job.cancel_requested:
+            event = JobEvent.CANCEL
+        if event is JobEvent.FAIL:
+            values["error"] = dump(dict(error))
+        if values.get("result") is not None:
+            values["result"] = dump(dict(values["result"]))
+        return self._move(change, job, event, **values)

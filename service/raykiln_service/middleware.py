@@ -1,0 +1,128 @@
+"""What is looked at before a handler runs: who asks, from where, and how much they send."""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+from urllib.parse import urlsplit
+
+from starlette.datastructures import Headers
+from starlette.responses import JSONResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from raykiln_service.errors import (
+    ForbiddenError,
+    RequestTimeoutError,
+    ServiceError,
+    TooLargeError,
+    UnauthorizedError,
+)
+from raykiln_service.settings import ServiceSettings
+
+_OPEN_PATHS = frozenset({"/", "/healthz", "/readyz", "/docs", "/openapi.json"})
+_LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "[::1]", "::1"})
+
+
+def problem_reply(error: ServiceError) -> JSONResponse:
+    """An error as the reply that clients see."""
+    return JSONResponse(
+        error.problem(),
+        status_code=error.status,
+        headers=error.headers,
+        media_type="application/problem+json",
+    )
+
+
+class Guard:
+    """Refuses requests without the token, from foreign pages, or that are too large or slow."""
+
+    def __init__(self, app: ASGIApp, settings: ServiceSettings) -> None:
+        self._app = app
+        self._settings = settings
+        self._token = None if settings.token is None else settings.token.get_secret_value()
+        self._hosts = _LOOPBACK_NAMES | set(settings.allowed_hosts) | {settings.host}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Handle one connection, as ASGI has it."""
+        if scope["type"] != "http":
+            await self._app(scope, receive, send)
+            return
+        headers = Headers(scope=scope)
+        limit = self._limit_bytes(scope["path"])
+        try:
+            self._check_token(scope["path"], headers)
+            self._check_origin(headers)
+            _check_length(headers, limit)
+        except ServiceError as error:
+            await problem_reply(error)(scope, receive, send)
+            return
+        body = _Body(receive, limit, self._settings.request_timeout_s)
+        await self._app(scope, body.receive, send)
+
+    def _limit_bytes(self, path: str) -> int:
+        settings = self._settings
+        # A form adds its own lines to the file in it; the upload counts the file's bytes.
+        return (
+            settings.max_asset_bytes + (1 << 16)
+            if path == "/v1/assets"
+            else (settings.max_json_bytes)
+        )
+
+    def _check_token(self, path: str, headers: Headers) -> None:
+        if self._token is None or path in _OPEN_PATHS or path.startswith("/web/"):
+            return
+        scheme, _, given = headers.get("authorization", "").partition(" ")
+        if scheme.lower() != "bearer" or not hmac.compare_digest(
+            given.strip().encode(), self._token.encode()
+        ):
+            raise UnauthorizedError
+
+    def _check_origin(self, headers: Headers) -> None:
+        # Without a token a web page elsewhere must not reach a service on this machine, neither
+        # by a name that it points here nor by a request across sites.
+        if self._token is not None or not self._settings.is_loopback:
+            return
+        host = headers.get("host", "")
+        name = host.rsplit(":", 1)[0] if not host.endswith("]") else host
+        if name not in self._hosts:
+            raise ForbiddenError(
+                f"the service does not answer to the name {name[:100]!r}",
+                accepted="localhost, 127.0.0.1, [::1], or a name of allowed_hosts",
+            )
+        origin = headers.get("origin")
+        if origin is not None and urlsplit(origin).netloc != host:
+            raise ForbiddenError("the request comes from a page of another site", found=origin)
+
+
+def _check_length(headers: Headers, limit: int) -> None:
+    length = headers.get("content-length", "")
+    if length.isdigit() and int(length) > limit:
+        raise TooLargeError(found=f"{length} bytes", accepted=f"at most {limit} bytes")
+
+
+class _Body:
+    """Counts and times a request's body while it arrives."""
+
+    def __init__(self, receive: Receive, limit: int, timeout_s: float) -> None:
+        self._receive = receive
+        self._left = limit
+        self._limit = limit
+        self._timeout_s = timeout_s
+        self._complete = False
+
+    async def receive(self) -> Message:
+        """The next message of the connection."""
+        if self._complete:
+            return await self._receive()
+        try:
+            message = await asyncio.wait_for(self._receive(), self._timeout_s)
+        except TimeoutError:
+            raise RequestTimeoutError(
+                f"nothing came for {self._timeout_s:g} s", headers={"Connection": "close"}
+            ) from None
+        if message["type"] == "http.request":
+            self._left -= len(message.get("body", b""))
+            self._complete = not message.get("more_body", False)
+            if self._left < 0:
+                raise TooLargeError(accepted=f"at most {self._limit} bytes")
+        return message

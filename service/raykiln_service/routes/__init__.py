@@ -1,0 +1,1 @@
+"""The HTTP handlers: thin, and ignorant of how and where jobs are rendered."""

@@ -1,0 +1,103 @@
+"""What handlers work with, and the small things that several of them do."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+from fastapi import Depends, Request, Response
+from fastapi.responses import FileResponse
+
+from raykiln_service.assets import AssetStore
+from raykiln_service.errors import MalformedRequestError, NotFoundError
+from raykiln_service.events import EventHub
+from raykiln_service.jobs import Job
+from raykiln_service.metrics import Metrics
+from raykiln_service.schemas import JobView, Problem, job_view
+from raykiln_service.settings import ServiceSettings
+from raykiln_service.store import Store
+from raykiln_service.submission import Submissions
+
+_ETAG = re.compile(r'(?:W/)?("[^"]*")')
+ERRORS: dict[int | str, dict[str, Any]] = {
+    "4XX": {
+        "description": "What was wrong, and where",
+        "content": {"application/problem+json": {"schema": Problem.model_json_schema()}},
+    }
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Context:
+    """The service, as far as handlers may know it."""
+
+    settings: ServiceSettings
+    store: Store
+    assets: AssetStore
+    hub: EventHub
+    metrics: Metrics
+    submissions: Submissions
+    readiness: Callable[[], dict[str, str]]
+    """"ok" or what is wrong, by part."""
+
+    def view(self, job: Job) -> JobView:
+        """A job as clients see it."""
+        return self.views([job])[0]
+
+    def views(self, jobs: list[Job]) -> list[JobView]:
+        """Several of them."""
+        positions = self.store.queue_positions(jobs)
+        now = self.store.clock()
+        return [
+            job_view(job, positions.get(job.id), self.hub.latest_progress(job.id), now)
+            for job in jobs
+        ]
+
+
+def _context(request: Request) -> Context:
+    context: Context = request.app.state.context
+    return context
+
+
+InContext = Annotated[Context, Depends(_context)]
+
+
+async def read_json(request: Request) -> Any:
+    """The decoded body; `MalformedRequestError` if it is no JSON."""
+    body = await request.body()
+    try:
+        value = json.loads(body)
+        # Lone surrogates pass as JSON but cannot be stored as text.
+        json.dumps(value, ensure_ascii=False).encode()
+    except RecursionError:
+        raise MalformedRequestError("the JSON of the body is nested too deeply") from None
+    except UnicodeEncodeError:
+        raise MalformedRequestError("the body has a lone surrogate in a text") from None
+    except ValueError as error:
+        raise MalformedRequestError(f"the body is not JSON: {error}") from None
+    return value
+
+
+def matches(request: Request, etag: str) -> bool:
+    """Whether the client has this version already (`If-None-Match`)."""
+    known = request.headers.get("if-none-match", "")
+    return known.strip() == "*" or etag in _ETAG.findall(known)
+
+
+def file_reply(
+    request: Request, path: Path, media_type: str, *, etag: str | None = None, fresh: bool = False
+) -> Response:
+    """A file, with Range and conditional requests; `fresh` = ask again each time."""
+    try:
+        stat = path.stat()
+    except FileNotFoundError:
+        raise NotFoundError(f"there is no {path.name} of this job") from None
+    etag = etag or f'"{stat.st_mtime_ns:x}-{stat.st_size:x}"'
+    headers = {"ETag": etag, "Cache-Control": "no-cache" if fresh else "private, max-age=3600"}
+    if matches(request, etag):
+        return Response(status_code=304, headers=headers)
+    return FileResponse(path, media_type=media_type, headers=headers, stat_result=stat)

@@ -1,0 +1,257 @@
+"""What goes over the wire: requests as they must be, replies as they are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_validator
+from raykiln.settings import RenderSettings
+
+from raykiln_service.jobs import Job, JobState
+
+LabelText = Annotated[str, StringConstraints(min_length=1, max_length=200)]
+OutputKind = Literal["exr", "png"]
+
+
+class SceneChoice(BaseModel):
+    """Which scene to render: exactly one of `asset`, `name` and `inline`."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    asset: Annotated[str, Field(pattern=r"^sha256:[0-9a-f]{64}$")] | None = None
+    """Id of an uploaded file or zip bundle."""
+    entry: Annotated[str, Field(min_length=1, max_length=1024)] | None = None
+    """The scene file within a bundle; the file's name for other assets."""
+    name: Annotated[str, Field(min_length=1, max_length=256)] | None = None
+    """A bundled scene, see `GET /v1/scenes`."""
+    inline: dict[str, Any] | None = None
+    """A scene in the native JSON format."""
+
+    @model_validator(mode="after")
+    def _one_choice(self) -> SceneChoice:
+        if sum(choice is not None for choice in (self.asset, self.name, self.inline)) != 1:
+            raise ValueError("a scene takes exactly one of 'asset', 'name' and 'inline'")
+        if self.entry is not None and self.asset is None:
+            raise ValueError("'entry' goes with 'asset' only")
+        return self
+
+
+class JobRequest(BaseModel):
+    """A job to render."""
+
+    model_config = ConfigDict(
+        extra="forbid",
+        json_schema_extra={
+            "examples": [
+                {
+                    "scene": {"name": "cornell_box"},
+                    "settings": {"width": 256, "height": 256, "spp": 64},
+                    "labels": {"shot": "010"},
+                }
+            ]
+        },
+    )
+
+    scene: SceneChoice
+    settings: RenderSettings = Field(default_factory=RenderSettings)
+    outputs: Annotated[list[OutputKind], Field(min_length=1, max_length=8)] = ["exr", "png"]
+    """The EXR is always kept; `png` adds a picture of it."""
+    priority: Annotated[int, Field(ge=-1000, le=1000)] = 0
+    """Higher goes first."""
+    labels: Annotated[
+        dict[LabelText, Annotated[str, Field(max_length=200)]], Field(max_length=32)
+    ] = Field(default_factory=dict)
+    """Names and values to find the job by."""
+
+
+class AssetView(BaseModel):
+    """A stored upload."""
+
+    id: str
+    size_bytes: int
+    filename: str | None
+    created_at: datetime
+
+
+class ProgressView(BaseModel):
+    """How far a job has come."""
+
+    phase: str
+    """waiting, load, render, encode or done."""
+    fraction: float
+    spp_done: int | None = None
+    spp: int | None = None
+    elapsed_s: float | None = None
+    eta_s: float | None = None
+    samples: int | None = None
+
+
+class TimingsView(BaseModel):
+    """Where the time went, in seconds."""
+
+    queue_s: float | None
+    run_s: float | None
+    total_s: float | None
+
+
+class OutputView(BaseModel):
+    """A file of the result."""
+
+    name: str
+    media_type: str
+    size_bytes: int
+    sha256: str
+    href: str
+
+
+class ErrorView(BaseModel):
+    """Why a job failed."""
+
+    model_config = ConfigDict(extra="allow")
+
+    reason: str
+    detail: str
+
+
+class JobView(BaseModel):
+    """A job."""
+
+    id: str
+    state: JobState
+    progress: ProgressView
+    queue_position: int | None
+    """Jobs that go before it, if it is queued."""
+    scene: dict[str, Any]
+    settings: dict[str, Any]
+    """As given; the result tells what they became."""
+    outputs_wanted: list[str]
+    priority: int
+    labels: dict[str, str]
+    attempts: int
+    max_attempts: int
+    interruptions: int
+    cancel_requested: bool
+    created_at: datetime
+    updated_at: datetime
+    started_at: datetime | None
+    finished_at: datetime | None
+    timings: TimingsView
+    error: ErrorView | None
+    warnings: list[str]
+    complete: bool | None
+    """False for the partial image of a cancelled job; None without an image."""
+    outputs: list[OutputView]
+    stats: dict[str, Any] | None
+    links: dict[str, str]
+
+
+class JobPageView(BaseModel):
+    """Jobs, newest first."""
+
+    items: list[JobView]
+    next_cursor: str | None
+
+
+class SceneView(BaseModel):
+    """A bundled scene."""
+
+    name: str
+    title: str | None
+    description: str | None
+
+
+class VersionView(BaseModel):
+    """What runs here."""
+
+    version: str
+    api: str
+    executor: str
+    slots: int
+
+
+class Problem(BaseModel):
+    """An error (RFC 9457), as `application/problem+json`."""
+
+    type: str
+    title: str
+    status: int
+    detail: str
+    file: str | None = None
+    pointer: str | None = None
+    found: str | None = None
+    accepted: str | None = None
+
+
+def timestamp(unix_ms: int) -> datetime:
+    """A moment as a date and time in UTC."""
+    return datetime.fromtimestamp(unix_ms / 1000, UTC)
+
+
+def job_view(
+    job: Job, queue_position: int | None, live_progress: Mapping[str, Any] | None, now_ms: int
+) -> JobView:
+    """A job as clients see it."""
+    result = job.result or {}
+    base = f"/v1/jobs/{job.id}"
+    return JobView(
+        id=job.id,
+        state=job.state,
+        progress=_progress(job, live_progress),
+        queue_position=queue_position,
+        scene=dict(job.spec.scene),
+        settings=dict(job.spec.settings),
+        outputs_wanted=list(job.spec.outputs),
+        priority=job.spec.priority,
+        labels=dict(job.spec.labels),
+        attempts=job.attempts,
+        max_attempts=job.max_attempts,
+        interruptions=job.interruptions,
+        cancel_requested=job.cancel_requested,
+        created_at=timestamp(job.created_ms),
+        updated_at=timestamp(job.updated_ms),
+        started_at=None if job.started_ms is None else timestamp(job.started_ms),
+        finished_at=None if job.finished_ms is None else timestamp(job.finished_ms),
+        timings=_timings(job, now_ms),
+        error=None if job.error is None else ErrorView(**job.error),
+        warnings=list(dict.fromkeys([*job.spec.warnings, *result.get("warnings", ())])),
+        complete=result.get("complete"),
+        outputs=[
+            OutputView(href=f"{base}/outputs/{file['name']}", **file)
+            for file in result.get("files", ())
+        ],
+        stats=result.get("stats"),
+        links=_links(job, base),
+    )
+
+
+def _progress(job: Job, live: Mapping[str, Any] | None) -> ProgressView:
+    if job.state is JobState.SUCCEEDED:
+        stats = (job.result or {}).get("stats", {})
+        return ProgressView(phase="done", fraction=1.0, spp_done=stats.get("spp"))
+    known = live or job.progress
+    if job.state is JobState.QUEUED or known is None:
+        return ProgressView(phase="waiting", fraction=float((known or {}).get("fraction", 0.0)))
+    return ProgressView(**known)
+
+
+def _timings(job: Job, now_ms: int) -> TimingsView:
+    end = job.finished_ms or now_ms
+    started = job.started_ms
+    return TimingsView(
+        queue_s=((started or end) - job.created_ms) / 1000,
+        run_s=None if started is None else (end - started) / 1000,
+        total_s=(end - job.created_ms) / 1000,
+    )
+
+
+def _links(job: Job, base: str) -> dict[str, str]:
+    links = {"self": base, "events": f"{base}/events", "log": f"{base}/outputs/log.txt"}
+    if job.started_ms is not None:
+        links["preview"] = f"{base}/preview.png"
+    if not job.state.is_final:
+        links["cancel"] = f"{base}/cancel"
+    if job.state in (JobState.FAILED, JobState.CANCELLED):
+        links["retry"] = f"{base}/retry"
+    return links

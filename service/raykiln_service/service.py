@@ -1,0 +1,124 @@
+"""The parts of the service, put together."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import sqlite3
+from typing import BinaryIO
+
+from sqlalchemy.exc import SQLAlchemyError
+
+from raykiln_service.assets import AssetStore
+from raykiln_service.bundles import BundleLimits
+from raykiln_service.database import Database, has_wal_reset_bug
+from raykiln_service.dispatcher import Dispatcher
+from raykiln_service.errors import StartupError
+from raykiln_service.events import EventHub
+from raykiln_service.executors.checks import CheckPool
+from raykiln_service.executors.local import LocalExecutor
+from raykiln_service.logs import get_logger
+from raykiln_service.metrics import Metrics
+from raykiln_service.routes.context import Context
+from raykiln_service.settings import ServiceSettings
+from raykiln_service.store import Store
+from raykiln_service.submission import Submissions
+
+_STOP_S = 4.0
+
+
+class Service:
+    """One running service on one data folder.
+
+    Making it opens the folder and the database; `start` begins to render; `close` ends it all.
+    """
+
+    def __init__(self, settings: ServiceSettings) -> None:
+        self.settings = settings
+        self._lock = _lock_data_dir(settings)
+        url = settings.database_url or Database.sqlite_url(settings.data_dir / "raykiln.db")
+        self.database = Database(url)
+        self.database.migrate()
+        self.store = Store(self.database)
+        limits = BundleLimits(
+            settings.max_bundle_bytes, settings.max_bundle_entries, settings.max_bundle_ratio
+        )
+        self.assets = AssetStore(settings.data_dir.resolve(), self.store, limits)
+        self.assets.prepare()
+        self.hub = EventHub()
+        self.store.listen(self.hub.state_changed)
+        self.metrics = Metrics(self.store)
+        self.checks = CheckPool(settings.check_timeout_s, settings.check_memory_bytes)
+        self.executor = LocalExecutor(
+            settings.slots, checkpoint_interval_s=settings.checkpoint_interval_s
+        )
+        self.dispatcher = Dispatcher(
+            self.store, self.assets, self.executor, self.hub, self.metrics, settings
+        )
+        self.context = Context(
+            settings=settings,
+            store=self.store,
+            assets=self.assets,
+            hub=self.hub,
+            metrics=self.metrics,
+            submissions=Submissions(self.store, self.assets, self.checks, settings),
+            readiness=self.readiness,
+        )
+
+    def start(self) -> None:
+        """Take over what an earlier service left, and begin to render."""
+        if self.database.is_sqlite and has_wal_reset_bug(sqlite3.sqlite_version_info):
+            get_logger().info(
+                "this SQLite needs the rule of one writing connection, which is kept",
+                sqlite=sqlite3.sqlite_version,
+            )
+        self.dispatcher.start()
+
+    def readiness(self) -> dict[str, str]:
+        """ "ok" or what is wrong, by part."""
+        parts = {"database": "ok", "executor": "ok"}
+        try:
+            self.store.count_by_state()
+        except SQLAlchemyError as error:
+            parts["database"] = f"does not answer: {type(error).__name__}"
+        if not self.dispatcher.is_ready():
+            parts["executor"] = "does not run"
+        return parts
+
+    def begin_stop(self) -> None:
+        """Make the renders write their checkpoints, and the open streams end."""
+        self.dispatcher.begin_stop()
+        self.hub.close()
+
+    def close(self) -> None:
+        """End it all."""
+        self.begin_stop()
+        self.dispatcher.finish_stop(_STOP_S)
+        self.checks.close()
+        self.database.close()
+        self._lock.close()
+
+
+def _lock_data_dir(settings: ServiceSettings) -> BinaryIO:
+    folder = settings.data_dir
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = (folder / "lock").open("ab+")
+    except OSError as error:
+        raise StartupError(
+            f"the data folder {folder} cannot be used: {error.strerror or error}"
+        ) from None
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        lock.seek(0)
+        owner = lock.read(20).decode("ascii", errors="replace").strip()
+        lock.close()
+        raise StartupError(
+            f"the data folder {folder} is in use by another service"
+            + (f" (process {owner})" if owner else "")
+        ) from None
+    lock.truncate(0)
+    lock.write(str(os.getpid()).encode())
+    lock.flush()
+    return lock

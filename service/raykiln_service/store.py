@@ -1,0 +1,247 @@
+"""The job store: the only truth about jobs, and the only place that changes their state.
+
+Every change is one transaction that asks the table in `jobs.py`, updates the row only if state
+and lease are still what they were (the fence), and adds an event with a durable number.  Listeners
+hear of the event after the commit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.dialects import postgresql, sqlite
+
+from raykiln_service.errors import (
+    ConflictError,
+    IdempotencyMismatchError,
+    NotFoundError,
+    QueueFullError,
+)
+from raykiln_service.jobs import Job, JobEvent, JobSpec, JobState
+from raykiln_service.leases import LeaseStore
+from raykiln_service.rows import Asset, StateEvent, asset_of, dump, event_of, job_of
+from raykiln_service.store_base import now_ms
+from raykiln_service.tables import assets, events, idempotency, job_labels, jobs
+
+__all__ = ["IDEMPOTENCY_MS", "Store", "now_ms"]
+IDEMPOTENCY_MS = 24 * 3600 * 1000
+
+
+class Store(LeaseStore):
+    """Jobs, assets and events in a database.  All methods may be called from any thread."""
+
+    # Assets
+
+    def add_asset(self, asset_id: str, size_bytes: int, filename: str | None) -> Asset:
+        """Note an asset; the same id again changes at most its file name."""
+        insert = self._insert(assets).values(
+            id=asset_id, size_bytes=size_bytes, filename=filename, created_ms=self.clock()
+        )
+        changed = {"filename": sa.func.coalesce(insert.excluded.filename, assets.c.filename)}
+        with self.database.write() as connection:
+            connection.execute(insert.on_conflict_do_update(index_elements=["id"], set_=changed))
+        return self.asset(asset_id)
+
+    def asset(self, asset_id: str) -> Asset:
+        """One asset; `NotFoundError` if there is none of that id."""
+        with self.database.read() as connection:
+            query = sa.select(assets).where(assets.c.id == asset_id)
+            row = connection.execute(query).mappings().one_or_none()
+        if row is None:
+            raise NotFoundError(f"there is no asset {asset_id!r}")
+        return asset_of(row)
+
+    # Submission
+
+    def create_job(
+        self,
+        job_id: str,
+        spec: JobSpec,
+        *,
+        max_attempts: int = 3,
+        max_queued: int = 1 << 30,
+        key: str | None = None,
+        digest: str = "",
+    ) -> tuple[Job, bool]:
+        """Put a job into the queue.
+
+        Parameters
+        ----------
+        max_queued
+            `QueueFullError` if so many wait already.
+        key, digest
+            Idempotency key and hash of the request: the same key and digest return the job made
+            then and False; another digest is an `IdempotencyMismatchError`.
+        """
+        now = self.clock()
+        with self._change() as change:
+            if key is not None and (known := self._replayed(change.connection, key, digest)):
+                return known, False
+            if self._count_queued(change.connection) >= max_queued:
+                raise QueueFullError(
+                    f"{max_queued} jobs are waiting already", headers={"Retry-After": "30"}
+                )
+            change.connection.execute(
+                jobs.insert().values(
+                    id=job_id,
+                    state=JobState.QUEUED,
+                    priority=spec.priority,
+                    scene=dump(dict(spec.scene)),
+                    settings=dump(dict(spec.settings)),
+                    outputs=dump(list(spec.outputs)),
+                    labels=dump(dict(spec.labels)),
+                    warnings=dump(list(spec.warnings)),
+                    asset_id=spec.scene.get("asset"),
+                    created_ms=now,
+                    updated_ms=now,
+                    not_before_ms=now,
+                    attempts=0,
+                    failures=0,
+                    interruptions=0,
+                    stalls=0,
+                    max_attempts=max_attempts,
+                    cancel_requested=0,
+                )
+            )
+            self._add_details(change.connection, job_id, spec, key, digest)
+            self._note(change, job_id, JobState.QUEUED, 0, None)
+        return self.job(job_id), True
+
+    def _add_details(
+        self, connection: sa.Connection, job_id: str, spec: JobSpec, key: str | None, digest: str
+    ) -> None:
+        if spec.labels:
+            rows = [{"job_id": job_id, "key": k, "value": v} for k, v in spec.labels.items()]
+            connection.execute(job_labels.insert(), rows)
+        if key is not None:
+            connection.execute(
+                idempotency.insert().values(
+                    key=key, digest=digest, job_id=job_id, created_ms=self.clock()
+                )
+            )
+
+    def replayed(self, key: str, digest: str) -> Job | None:
+        """The job made by an earlier request with this idempotency key, if there is one."""
+        with self.database.read() as connection:
+            return self._replayed(connection, key, digest, prune=False)
+
+    def _replayed(
+        self, connection: sa.Connection, key: str, digest: str, *, prune: bool = True
+    ) -> Job | None:
+        oldest = self.clock() - IDEMPOTENCY_MS
+        if prune:
+            connection.execute(idempotency.delete().where(idempotency.c.created_ms < oldest))
+        query = sa.select(idempotency).where(
+            idempotency.c.key == key, idempotency.c.created_ms >= oldest
+        )
+        row = connection.execute(query).mappings().one_or_none()
+        if row is None:
+            return None
+        if row["digest"] != digest:
+            raise IdempotencyMismatchError(
+                f"Idempotency-Key {key!r} came with another request before; use a new key"
+            )
+        return self._job(connection, row["job_id"])
+
+    # Looking
+
+    def list_jobs(
+        self,
+        *,
+        states: Sequence[JobState] = (),
+        labels: Mapping[str, str | None] | None = None,
+        limit: int = 50,
+        before_seq: int | None = None,
+    ) -> list[Job]:
+        """Jobs, newest first; a label's value None means any value."""
+        query = sa.select(jobs).order_by(jobs.c.seq.desc()).limit(limit)
+        if states:
+            query = query.where(jobs.c.state.in_(list(states)))
+        if before_seq is not None:
+            query = query.where(jobs.c.seq < before_seq)
+        for key, value in (labels or {}).items():
+            owners = sa.select(job_labels.c.job_id).where(job_labels.c.key == key)
+            if value is not None:
+                owners = owners.where(job_labels.c.value == value)
+            query = query.where(jobs.c.id.in_(owners))
+        with self.database.read() as connection:
+            return [job_of(row) for row in connection.execute(query).mappings()]
+
+    def queue_positions(self, found: Sequence[Job]) -> dict[str, int]:
+        """How many jobs go before each of the queued ones among `found`, by id."""
+        wanted = [job.id for job in found if job.state is JobState.QUEUED]
+        if not wanted:
+            return {}
+        place = sa.func.row_number().over(order_by=(jobs.c.priority.desc(), jobs.c.seq))
+        queue = (
+            sa.select(jobs.c.id, (place - 1).label("place"))
+            .where(jobs.c.state == JobState.QUEUED)
+            .subquery()
+        )
+        query = sa.select(queue.c.id, queue.c.place).where(queue.c.id.in_(wanted))
+        with self.database.read() as connection:
+            return {job_id: int(number) for job_id, number in connection.execute(query)}
+
+    def count_by_state(self) -> dict[JobState, int]:
+        """How many jobs are in each state."""
+        query = sa.select(jobs.c.state, sa.func.count()).group_by(jobs.c.state)
+        with self.database.read() as connection:
+            found = {JobState(state): count for state, count in connection.execute(query)}
+        return {state: found.get(state, 0) for state in JobState}
+
+    def events_after(self, job_id: str, seq: int) -> list[StateEvent]:
+        """The changes of a job's state after number `seq`, in order."""
+        query = sa.select(events).where(events.c.job_id == job_id, events.c.seq > seq)
+        with self.database.read() as connection:
+            rows = connection.execute(query.order_by(events.c.seq)).mappings()
+            return [event_of(row) for row in rows]
+
+    def job_ids(self) -> set[str]:
+        """The ids of all jobs."""
+        with self.database.read() as connection:
+            return set(connection.execute(sa.select(jobs.c.id)).scalars())
+
+    # What users may do to a job
+
+    def cancel(self, job_id: str) -> Job:
+        """End a queued job now, or ask for the end of a running one; a cancelled one stays so."""
+        with self._change() as change:
+            job = self._locked_job(change.connection, job_id)
+            if job.state is JobState.CANCELLED:
+                return job
+            self._allowed(job, JobEvent.CANCEL)
+            if job.state is JobState.RUNNING:
+                values = {"cancel_requested": 1, "updated_ms": self.clock()}
+                change.connection.execute(jobs.update().where(jobs.c.id == job_id).values(**values))
+            else:
+                self._move(change, job, JobEvent.CANCEL)
+        return self.job(job_id)
+
+    def retry(self, job_id: str) -> Job:
+        """Put a failed or cancelled job back into the queue, with a fresh budget of attempts."""
+        with self._change() as change:
+            job = self._locked_job(change.connection, job_id)
+            self._allowed(job, JobEvent.RETRY)
+            fresh = {"failures": 0, "stalls": 0, "cancel_requested": 0}
+            self._move(change, job, JobEvent.RETRY, error=None, result=None, **fresh)
+        return self.job(job_id)
+
+    def delete(self, job_id: str) -> None:
+        """Forget an ended job."""
+        with self.database.write() as connection:
+            job = self._locked_job(connection, job_id)
+            if not job.state.is_final:
+                raise ConflictError(f"job {job_id} is {job.state}; cancel it first")
+            connection.execute(jobs.delete().where(jobs.c.id == job_id))
+
+    # Inside
+
+    @staticmethod
+    def _count_queued(connection: sa.Connection) -> int:
+        query = sa.select(sa.func.count()).where(jobs.c.state == JobState.QUEUED)
+        return int(connection.execute(query).scalar_one())
+
+    def _insert(self, table: sa.Table) -> Any:
+        return sqlite.insert(table) if self.database.is_sqlite else postgresql.insert(table)
