@@ -1,4 +1,4 @@
-"""Throughput of the bundled scenes: `./dev bench [SCENE ...] [--spp N] [--runs N] [--json FILE]`."""
+"""Throughput of the bundled scenes: `./dev bench [SCENE ...] [--spp N] [--runs N] [--json F]`."""
 
 from __future__ import annotations
 

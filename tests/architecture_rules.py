@@ -150,7 +150,7 @@ def python_arrows(root: Path) -> Iterator[Arrow]:
     """Every import between rooms of the Python packages, and of a library that has its rooms."""
     modules = dict(_python_modules(root))
     for module, path in modules.items():
-        for imported in _imported_names(ast.parse(path.read_text()), module, path):
+        for imported in _imported_names(ast.parse(path.read_text(), str(path)), module, path):
             target = _python_target(imported, modules)
             if target is not None and target != module:
                 yield Arrow(str(path.relative_to(root)), module, target)

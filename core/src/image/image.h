@@ -11,15 +11,9 @@
 #include <variant>
 #include <vector>
 
+#include "image/pixel_format.h"
+
 namespace raykiln {
-
-/// How the values of an image are stored.
-enum class PixelFormat { u8, u16, f32 };
-
-/// Bytes of one value of `format`.
-constexpr std::size_t value_bytes(PixelFormat format) {
-    return format == PixelFormat::u8 ? 1 : format == PixelFormat::u16 ? 2 : 4;
-}
 
 /// Named values beside the pixels: what a file says about itself.
 using MetadataValue = std::variant<int, double, std::string>;
