@@ -95,7 +95,7 @@ def stream(text: str) -> Reply:
 @contextmanager
 def serving(*script: Reply) -> Iterator[tuple[str, list[Handler]]]:
     seen: list[Handler] = []
-    handler = type("Scripted", (Handler,), {"script": list(script), "seen": seen})
+    handler: Any = type("Scripted", (Handler,), {"script": list(script), "seen": seen})
     server = ThreadingHTTPServer(("127.0.0.1", 0), handler)
     thread = threading.Thread(target=server.serve_forever, args=(0.02,))
     thread.start()

@@ -18,8 +18,14 @@ from raykiln_service.commands.console import (
     usage_error,
 )
 from raykiln_service.commands.options import RenderOptions, with_render_options
-from raykiln_service.commands.render import ExposureOption, QuietOption, ViewOption, check_view
-from raykiln_service.commands.scenes import SceneArgument, resolve_scene
+from raykiln_service.commands.render import (
+    ExposureOption,
+    QuietOption,
+    StatsOption,
+    ViewOption,
+    check_view,
+)
+from raykiln_service.commands.scenes import BaseDirOption, SceneArgument, resolve_scene
 from raykiln_service.commands.watch import (
     JobArgument,
     JsonOption,
@@ -54,8 +60,10 @@ def submit(
             metavar="OUT",
         ),
     ] = None,
+    stats: StatsOption = None,
     exposure: ExposureOption = 0.0,
     view: ViewOption = "srgb",
+    base_dir: BaseDirOption = None,
     priority: Annotated[
         int, typer.Option("--priority", help="Higher ones go first.", metavar="N")
     ] = 0,
@@ -75,8 +83,11 @@ def submit(
     settings = options.settings().model_dump(mode="json", exclude_unset=True)
     labels = parse_labels(label)
     targets = download_targets(output or [])
+    if stats is not None:
+        check_writable(stats, "--stats")
+        targets.append(Target(stats, "stats.json"))
     with Client(server) as client:
-        spec = _upload(client, scene)
+        spec = _upload(client, scene, base_dir)
         job = client.submit(spec, settings, priority=priority, labels=labels)
         if not quiet:
             print_warnings(job.warnings)
@@ -95,7 +106,7 @@ def submit(
                 print(path)
 
 
-def _upload(client: Client, scene: str) -> dict[str, Any]:
+def _upload(client: Client, scene: str, base_dir: Path | None) -> dict[str, Any]:
     """What the job is to render: a bundled name, or an asset that is uploaded now."""
     from raykiln import bundled_scenes
 
@@ -105,7 +116,7 @@ def _upload(client: Client, scene: str) -> dict[str, Any]:
     if scene in bundled_scenes() and not Path(scene).is_file():
         return {"name": scene}
     try:
-        with package(path) as packed:
+        with package(path, base_dir) as packed:
             asset = client.upload_asset(packed.path)
             return {"asset": asset.id, "entry": packed.entry}
     except ValueError as error:

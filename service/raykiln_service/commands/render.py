@@ -20,7 +20,7 @@ from raykiln_service.commands.console import (
 )
 from raykiln_service.commands.options import RenderOptions, settings_of, with_render_options
 from raykiln_service.commands.progress import graceful_stop, reporter
-from raykiln_service.commands.scenes import SceneArgument, load, stem_of
+from raykiln_service.commands.scenes import BaseDirOption, SceneArgument, load, stem_of
 from raykiln_service.files import write_json
 
 if TYPE_CHECKING:
@@ -44,6 +44,9 @@ ExposureOption = Annotated[
 ViewOption = Annotated[
     str, typer.Option("--view", help="View transform of PNG images.", metavar="|".join(VIEWS))
 ]
+StatsOption = Annotated[
+    Path | None, typer.Option("--stats", help="Write the statistics here.", metavar="FILE.json")
+]
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 
 
@@ -55,9 +58,7 @@ def render(
     exposure: ExposureOption = 0.0,
     view: ViewOption = "srgb",
     half: Annotated[bool, typer.Option("--half", help="16-bit floats in the EXR.")] = False,
-    stats: Annotated[
-        Path | None, typer.Option("--stats", help="Write the statistics here.", metavar="FILE.json")
-    ] = None,
+    stats: StatsOption = None,
     checkpoint: Annotated[
         Path | None,
         typer.Option("--checkpoint", help="Keep the state of the render here.", metavar="FILE"),
@@ -65,6 +66,7 @@ def render(
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on from the checkpoint, if it exists.")
     ] = False,
+    base_dir: BaseDirOption = None,
     quiet: QuietOption = False,
     settings_json: Annotated[str | None, typer.Option("--settings-json", hidden=True)] = None,
     progress_json: Annotated[bool, typer.Option("--progress-json", hidden=True)] = False,
@@ -81,7 +83,7 @@ def render(
     check_outputs(targets, stats, checkpoint, resume)
     check_view(view, exposure)
     settings = _settings(options, settings_json)
-    loaded = load(scene)
+    loaded = load(scene, base_dir)
     with graceful_stop() as stop, reporter(scene, quiet=quiet, as_json=progress_json) as shown:
 
         def on_progress(progress: raykiln.Progress) -> bool:

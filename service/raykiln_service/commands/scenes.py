@@ -21,6 +21,15 @@ if TYPE_CHECKING:
 SCENE_HELP = "Scene file, or the name of a bundled scene (see `raykiln scenes`)."
 SceneArgument = Annotated[str, typer.Argument(help=SCENE_HELP, metavar="SCENE")]
 
+BaseDirOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--base-dir",
+        help="Folder that the scene's files must lie in [default: the scene file's folder]",
+        metavar="DIR",
+    ),
+]
+
 
 def resolve_scene(text: str) -> Path:
     """The scene file that `text` names: a file if there is one, else a bundled scene."""
@@ -45,11 +54,13 @@ def resolve_scene(text: str) -> Path:
     raise CommandError(message)
 
 
-def load(text: str) -> Scene:
+def load(text: str, base_dir: Path | None = None) -> Scene:
     """The scene that `text` names; raises `SceneError` or `CommandError`."""
     import raykiln
 
-    return raykiln.load_scene(resolve_scene(text))
+    if base_dir is not None and not base_dir.is_dir():
+        raise CommandError(f"--base-dir: no such folder (found {base_dir})")
+    return raykiln.load_scene(resolve_scene(text), base_dir=base_dir)
 
 
 def stem_of(text: str) -> str:
@@ -82,6 +93,7 @@ def scenes(
 def inspect(
     scene: SceneArgument,
     as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
+    base_dir: BaseDirOption = None,
 ) -> None:
     """Show what would be loaded, and every feature of the file that is not supported.
 
@@ -90,7 +102,7 @@ def inspect(
     import raykiln
 
     try:
-        summary = raykiln.check(load(scene)).summary()
+        summary = raykiln.check(load(scene, base_dir)).summary()
     except raykiln.SceneError as error:
         if not as_json:
             raise
