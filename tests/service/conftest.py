@@ -1,0 +1,149 @@
+"""A store to test alone, and the real service in a process of its own."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from raykiln_service.database import Database
+from raykiln_service.store import Store
+
+_SERVE = (
+    "import json, sys; from raykiln_service.app import serve; "
+    "from raykiln_service.settings import ServiceSettings; "
+    "serve(ServiceSettings.create(**json.loads(sys.argv[1])))"
+)
+
+
+class Clock:
+    """A clock that stands until it is set."""
+
+    def __init__(self) -> None:
+        self.ms = 1_000_000
+
+    def __call__(self) -> int:
+        return self.ms
+
+
+@pytest.fixture
+def clock() -> Clock:
+    """The clock of `store`."""
+    return Clock()
+
+
+@pytest.fixture
+def store(tmp_path: Path, clock: Clock) -> Iterator[Store]:
+    """An empty store in a new SQLite database."""
+    database = Database(Database.sqlite_url(tmp_path / "jobs.db"))
+    database.migrate()
+    yield Store(database, clock=clock)
+    database.close()
+
+
+@dataclass
+class Server:
+    """A service in a process group of its own."""
+
+    process: subprocess.Popen[str]
+    url: str
+    data_dir: Path
+    log: Path
+    headers: dict[str, str] = field(default_factory=dict)
+
+    def client(self) -> httpx.Client:
+        """A plain HTTP client of it."""
+        return httpx.Client(base_url=self.url, timeout=60.0, headers=self.headers)
+
+    def submit(self, **body: Any) -> dict[str, Any]:
+        """Submit a job; what the service says of it."""
+        with self.client() as client:
+            reply = client.post("/v1/jobs", json=body)
+            assert reply.status_code == 202, reply.text
+            view: dict[str, Any] = reply.json()
+            return view
+
+    def job(self, job_id: str) -> dict[str, Any]:
+        """A job as it is now."""
+        with self.client() as client:
+            view: dict[str, Any] = client.get(f"/v1/jobs/{job_id}").raise_for_status().json()
+            return view
+
+    def wait_for(
+        self, job_id: str, reached: Callable[[dict[str, Any]], bool], within_s: float = 120.0
+    ) -> dict[str, Any]:
+        """The job as soon as it looks as wanted."""
+        deadline = time.monotonic() + within_s
+        while not reached(view := self.job(job_id)):
+            assert time.monotonic() < deadline, f"waited in vain; last: {view}"
+            time.sleep(0.02)
+        return view
+
+    def wait_for_end(self, job_id: str) -> dict[str, Any]:
+        """The job once it has ended."""
+        ended = ("succeeded", "failed", "cancelled")
+        return self.wait_for(job_id, lambda view: view["state"] in ended)
+
+    def output(self, job_id: str, name: str) -> bytes:
+        """The bytes of an output."""
+        with self.client() as client:
+            return client.get(f"/v1/jobs/{job_id}/outputs/{name}").raise_for_status().content
+
+    def kill_all(self) -> None:
+        """End the service without any warning (SIGKILL to its process group)."""
+        os.killpg(self.process.pid, signal.SIGKILL)
+        self.process.wait()
+
+    def stop(self) -> int:
+        """End the service as an init system does; its exit code."""
+        self.process.terminate()
+        return self.process.wait(timeout=15)
+
+
+Serve = Callable[..., Server]
+
+
+@pytest.fixture
+def serve(tmp_path: Path) -> Iterator[Serve]:
+    """Starts services: `serve(**settings)`; the default data folder is the test's own."""
+    started: list[Server] = []
+
+    def start(*, env: dict[str, str] | None = None, **settings: Any) -> Server:
+        data_dir = Path(settings.setdefault("data_dir", str(tmp_path / "data")))
+        settings.setdefault("port", 0)
+        log = tmp_path / f"service-{len(started)}.log"
+        with log.open("w") as errors:
+            process = subprocess.Popen(
+                [sys.executable, "-c", _SERVE, json.dumps(settings)],
+                stdout=subprocess.PIPE,
+                stderr=errors,
+                text=True,
+                start_new_session=True,
+                env={**os.environ, **(env or {})},
+            )
+        assert process.stdout is not None
+        line = process.stdout.readline()
+        if "serving on" not in line:
+            process.kill()
+            pytest.fail(f"the service did not start: {log.read_text()}")
+        server = Server(process, line.split()[-1], data_dir, log)
+        if "token" in settings:
+            server.headers["Authorization"] = f"Bearer {settings['token']}"
+        started.append(server)
+        return server
+
+    yield start
+    for server in started:
+        if server.process.poll() is None:
+            server.kill_all()
+        assert server.process.stdout is not None
+        server.process.stdout.close()
