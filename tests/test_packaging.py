@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import shutil
 import subprocess
@@ -47,6 +48,28 @@ def test_every_dependency_is_pinned(repo_root: Path, declared: dict[str, Any]) -
     wanted += [need for extra in project["optional-dependencies"].values() for need in extra]
     names = {need.partition(">")[0].strip().lower().replace("_", "-") for need in wanted}
     assert names <= pins
+
+
+def imported_libraries(folder: Path) -> set[str]:
+    """Top-level names of what the Python files below `folder` import and is not ours."""
+    names = set()
+    for path in folder.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(), str(path))):
+            if isinstance(node, ast.Import):
+                names |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                names.add(str(node.module).partition(".")[0])
+    return names - sys.stdlib_module_names - {"raykiln", "raykiln_service"}
+
+
+def test_every_imported_library_is_declared(repo_root: Path, declared: dict[str, Any]) -> None:
+    project = declared["project"]
+    needs = [*project["dependencies"], *project["optional-dependencies"]["denoise"]]
+    named = {need.partition(">")[0].strip().replace("-", "_") for need in needs}
+    imported = imported_libraries(repo_root / "core") | imported_libraries(repo_root / "service")
+    # FastAPI is made of Starlette and re-exports only a part of it.
+    assert imported - {"starlette"} <= named
+    assert named <= imported, "declared and never imported"
 
 
 def test_the_container_copies_all_of_the_package(repo_root: Path) -> None:
