@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from raykiln.image import read_image
 
-from .conftest import COMMAND, Ran, raykiln_process, write_scene
+from .support import COMMAND, Ran, raykiln_process, write_scene
 
 
 @pytest.fixture

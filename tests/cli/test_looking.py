@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from raykiln.image import read_image, write_exr, write_png
 
-from .conftest import Run, write_scene
+from .support import Run, write_scene
 
 
 def test_inspect_counts_what_would_be_loaded(raykiln: Run, scene: Path) -> None:

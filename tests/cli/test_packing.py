@@ -11,7 +11,7 @@ from raykiln.errors import SceneError
 from raykiln.image import write_png
 from raykiln_service.client import package
 
-from .conftest import write_scene
+from .support import write_scene
 
 OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 

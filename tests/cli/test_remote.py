@@ -20,7 +20,7 @@ import pytest
 from raykiln.image import read_image
 from raykiln_service.client import Client
 
-from .conftest import COMMAND, Ran, Run, raykiln_process, write_scene
+from .support import COMMAND, Ran, Run, raykiln_process, write_scene
 from .test_packing import write_bundle
 
 SMALL = ("--size", "16x16", "--spp", "2")

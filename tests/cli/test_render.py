@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from raykiln.image import read_exr_layers, read_image
 
-from .conftest import COMMAND, Run, raykiln_process, write_scene
+from .support import COMMAND, Run, raykiln_process, write_scene
 
 
 def test_without_outputs_the_scene_gives_the_names(raykiln: Run, scene: Path) -> None:

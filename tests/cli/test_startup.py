@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from .conftest import Run, raykiln_process
+from .support import Run, raykiln_process
 
 COMMANDS = [
     "render",
