@@ -12,6 +12,7 @@ from typing import Any
 from raykiln.errors import SceneError
 from raykiln.formats.mitsuba_objects import MitsubaObject
 from raykiln.formats.mitsuba_textures import TEXTURE_TAGS, Context
+from raykiln.formats.names import unique_name
 from raykiln.metals import METALS, optical_constants
 from raykiln.scene import (
     Conductor,
@@ -51,7 +52,7 @@ class Materials:
         key = id(owner)
         if key not in self._names:
             materials = self.context.scene.materials
-            name = self.context.unique_name(owner.id or f"bsdf_line_{owner.line}", materials)
+            name = unique_name(owner.id or f"bsdf_line_{owner.line}", materials)
             materials[name] = self.material(owner)
             self._names[key] = name
         return self._names[key]

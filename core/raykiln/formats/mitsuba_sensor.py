@@ -11,6 +11,7 @@ import numpy as np
 from raykiln.errors import SceneError
 from raykiln.formats.mitsuba_objects import MitsubaObject
 from raykiln.formats.mitsuba_textures import Context
+from raykiln.formats.names import unique_name
 from raykiln.formats.studio import rows
 from raykiln.scene import PerspectiveCamera
 
@@ -40,7 +41,7 @@ def add_camera(context: Context, owner: MitsubaObject, *, first: bool) -> None:
     if owner.type == "thinlens":
         context.warn(owner, "depth of field is not supported: all is in focus")
     owner.used.update(_IGNORED)
-    name = context.unique_name(owner.id or "camera", {c.name for c in context.scene.cameras})
+    name = unique_name(owner.id or "camera", {c.name for c in context.scene.cameras})
     matrix = owner.matrix("to_world")
     fov_deg, fov_axis = _field_of_view(owner)
     context.scene.cameras.append(

@@ -17,6 +17,7 @@ from raykiln.formats.mitsuba_bsdfs import Materials
 from raykiln.formats.mitsuba_objects import MitsubaObject
 from raykiln.formats.mitsuba_textures import Context
 from raykiln.formats.mitsuba_transforms import Matrix
+from raykiln.formats.names import unique_name
 from raykiln.formats.studio import rows
 from raykiln.scene import Cube, Disk, Emission, Instance, Mesh, Rectangle, Sphere
 
@@ -58,7 +59,7 @@ class Shapes:
         key = id(owner)
         if key not in self._groups:
             groups = self.context.scene.groups
-            name = self.context.unique_name(owner.id or f"group_line_{owner.line}", groups)
+            name = unique_name(owner.id or f"group_line_{owner.line}", groups)
             made = [self._shape(child) for child in owner.tagged("shape")]
             groups[name] = [shape for shape in made if shape is not None]
             self._groups[key] = name

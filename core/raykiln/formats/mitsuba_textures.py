@@ -9,6 +9,7 @@ import numpy as np
 
 from raykiln.errors import SceneError
 from raykiln.formats.mitsuba_objects import Blackbody, Document, MitsubaObject, Rgb, Spectrum
+from raykiln.formats.names import unique_name
 from raykiln.formats.spectra import (
     Color,
     Role,
@@ -40,15 +41,6 @@ class Context:
         """Name the properties of an object that nothing asked for."""
         for name in owner.unused():
             self.warn(owner, f"'{name}' is not supported and not used")
-
-    def unique_name(self, wanted: str, taken: Any) -> str:
-        """`wanted`, with a number if it is taken."""
-        wanted = wanted[:200]
-        name, number = wanted, 2
-        while name in taken:
-            name = f"{wanted}_{number}"
-            number += 1
-        return name
 
     def color(self, owner: MitsubaObject, name: str, default: float, role: Role) -> Any:
         """A colour input: a number, a colour, or a texture."""
@@ -149,7 +141,7 @@ class Context:
         else:
             self.warn(owner, "this texture is not supported; a plain colour is used")
             return None
-        name = self.unique_name(owner.id or f"texture_line_{owner.line}", self.scene.textures)
+        name = unique_name(owner.id or f"texture_line_{owner.line}", self.scene.textures)
         self.scene.textures[name] = texture
         return name
 

@@ -11,6 +11,7 @@ from typing import Any
 from raykiln.errors import SceneError
 from raykiln.formats import obj, ply, stl
 from raykiln.formats.files import MAX_FILE_BYTES, Files, scene_errors
+from raykiln.formats.json_text import parse_json
 from raykiln.formats.meshes import MeshData
 from raykiln.scene import EnvironmentLight, ImageTexture, Mesh, Scene
 
@@ -45,30 +46,6 @@ def from_data(data: Any, files: Files) -> Scene:
     for name, shapes in scene.groups.items():
         _read_meshes(scene, shapes, files, f"/groups/{name}")
     return scene
-
-
-def parse_json(text: str) -> Any:
-    """Parsed JSON; a `SceneError` gives line and column of the first fault."""
-    try:
-        return json.loads(text, parse_constant=_no_constant, object_pairs_hook=_unique)
-    except json.JSONDecodeError as error:
-        where = f"line {error.lineno}, column {error.colno}"
-        raise SceneError(f"not JSON: {error.msg}", pointer=where) from None
-    except RecursionError:
-        raise SceneError("the JSON is nested too deeply") from None
-
-
-def _no_constant(name: str) -> float:
-    raise SceneError("not JSON", found=name, accepted="finite numbers")
-
-
-def _unique(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    result = dict(pairs)
-    if len(result) != len(pairs):
-        seen: set[str] = set()
-        twice = next(key for key, _ in pairs if key in seen or seen.add(key))  # type: ignore[func-returns-value]
-        raise SceneError("a JSON object has a name twice", found=twice)
-    return result
 
 
 def _located(files: Files, name: str, pointer: str) -> str:

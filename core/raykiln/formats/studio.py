@@ -131,7 +131,8 @@ def _box(points: Array) -> Array:
     """The eight corners of the bounds of points."""
     low, high = points.min(axis=0), points.max(axis=0)
     choice = np.array(np.meshgrid([0, 1], [0, 1], [0, 1])).reshape(3, -1).T
-    return np.where(choice, high, low)
+    corners: Array = np.where(choice, high, low)
+    return corners
 
 
 def _placed(points: Array, matrices: Array) -> Array:
