@@ -191,13 +191,13 @@ def _named(source: Source, read: Any) -> Any:
     """Call a reader of the core; its errors get the name of the file."""
     if isinstance(source, bytes | bytearray | memoryview):
         return read(source)
-    path = os.fspath(source)
+    path = os.fsdecode(source)
     try:
+        if "\0" in path:
+            raise ImageError("a file name cannot hold a null character")
         return read(Path(path))
     except ImageError as error:
-        raise ImageError(f"{shorten(path, 400)}: {error}") from None
-    except ValueError as error:  # a NUL in the name
-        raise ImageError(f"{shorten(path, 400)!r}: {error}") from None
+        raise ImageError(f"{shorten(printable(path), 400)}: {error}") from None
 
 
 def _write(path: str | os.PathLike[str], data: memoryview) -> None:
@@ -205,7 +205,13 @@ def _write(path: str | os.PathLike[str], data: memoryview) -> None:
         write_atomically(path, data)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise ImageError(f"{os.fspath(path)}: the image cannot be written: {reason}") from None
+        name = shorten(printable(os.fsdecode(path)), 400)
+        raise ImageError(f"{name}: the image cannot be written: {reason}") from None
+
+
+def printable(path: str) -> str:
+    """A file name with what a terminal or a UTF-8 stream cannot take escaped."""
+    return path if path.isprintable() else ascii(path)[1:-1]
 
 
 def _channels_of(layer: str, values: npt.ArrayLike) -> list[tuple[str, npt.NDArray[np.float32]]]:

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <fstream>
+#include <limits>
 #include <new>
 #include <string_view>
 
@@ -142,6 +143,35 @@ bool read_pixels(OIIO::ImageInput& in, const std::vector<int>& channels, Image& 
     return true;
 }
 
+// Colour that the file or its reader has multiplied by alpha, divided again.
+template <typename T>
+void straighten(Image& image) {
+    constexpr std::uint32_t full = std::numeric_limits<T>::max();
+    auto* values = reinterpret_cast<T*>(image.pixels.get());
+    const std::size_t n = static_cast<std::size_t>(image.channels);
+    for (std::size_t i = 0; i < image.size_values(); i += n) {
+        const std::uint64_t alpha = values[i + n - 1];
+        for (std::size_t c = 0; alpha != 0 && alpha != full && c + 1 < n; ++c) {
+            const std::uint64_t straight = (values[i + c] * full + alpha / 2) / alpha;
+            values[i + c] = static_cast<T>(std::min<std::uint64_t>(straight, full));
+        }
+    }
+}
+
+// Not every reader heeds the wish for straight alpha; each says whether it did.
+void straighten_alpha(const OIIO::ImageSpec& spec, const std::vector<int>& channels,
+                      Image& image) {
+    const bool has_alpha = channels.size() > 1 && channels.back() == spec.alpha_channel;
+    if (!has_alpha || spec.get_int_attribute("oiio:UnassociatedAlpha") != 0) {
+        return;
+    }
+    if (image.format == PixelFormat::u8) {
+        straighten<std::uint8_t>(image);
+    } else if (image.format == PixelFormat::u16) {
+        straighten<std::uint16_t>(image);
+    }
+}
+
 Metadata metadata_of(const OIIO::ImageSpec& spec) {
     Metadata metadata;
     for (const auto& p : spec.extra_attribs) {
@@ -185,6 +215,7 @@ Image image_of(OIIO::ImageInput& in, const File& file, ChannelChoice choice) {
     if (!read_pixels(in, channels, image)) {
         fail(file.kind, complaint(in, file.name, "its pixels cannot be decoded"));
     }
+    straighten_alpha(spec, channels, image);
     return image;
 }
 
