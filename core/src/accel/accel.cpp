@@ -1,0 +1,175 @@
+#include "accel/accel.h"
+
+#include <atomic>
+#include <vector>
+
+#include "accel/embree_api.h"
+#include "accel/sphere_geometry.h"
+#include "error.h"
+
+namespace raykiln {
+
+namespace {
+
+bool count_memory(void* counter, ssize_t bytes, bool) {
+    static_cast<std::atomic<std::int64_t>*>(counter)->fetch_add(bytes);
+    return true;
+}
+
+void check(RTCDevice device) {
+    const RTCError error = rtcGetDeviceError(device);
+    if (error == RTC_ERROR_OUT_OF_MEMORY) {
+        throw RenderError("there is not enough memory to build the scene");
+    }
+    if (error != RTC_ERROR_NONE) {
+        throw RenderError("the ray tracer failed with error " +
+                          std::to_string(static_cast<int>(error)));
+    }
+}
+
+RTCGeometry make_mesh_geometry(RTCDevice device, const Mesh& mesh) {
+    RTCGeometry g = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
+    rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, mesh.positions, 0,
+                               3 * sizeof(float), mesh.vertex_count);
+    rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, mesh.indices, 0,
+                               3 * sizeof(std::uint32_t), mesh.triangle_count);
+    return g;
+}
+
+RTCRay embree_ray(const Ray& ray) {
+    RTCRay r;
+    r.org_x = ray.origin.x;
+    r.org_y = ray.origin.y;
+    r.org_z = ray.origin.z;
+    r.dir_x = ray.direction.x;
+    r.dir_y = ray.direction.y;
+    r.dir_z = ray.direction.z;
+    r.tnear = ray.t_near;
+    r.tfar = ray.t_far;
+    r.time = 0.0f;
+    r.mask = 0xffffffffu;
+    r.id = 0;
+    r.flags = 0;
+    return r;
+}
+
+}  // namespace
+
+struct Accel::Impl {
+    std::atomic<std::int64_t> memory{0};
+    RTCDevice device = nullptr;
+    std::vector<RTCScene> group_scenes;  // [0] is the world
+    std::uint32_t first_instance = 0;    // geometry id in the world
+
+    RTCScene new_scene() {
+        RTCScene scene = rtcNewScene(device);
+        rtcSetSceneFlags(scene, RTC_SCENE_FLAG_ROBUST);
+        rtcSetSceneBuildQuality(scene, RTC_BUILD_QUALITY_MEDIUM);
+        return scene;
+    }
+    void attach(RTCScene scene, RTCGeometry geometry, std::uint32_t id) {
+        rtcCommitGeometry(geometry);
+        rtcAttachGeometryByID(scene, geometry, id);
+        rtcReleaseGeometry(geometry);
+    }
+    void add_group(RTCScene target, const Group& group) {
+        std::uint32_t id = 0;
+        for (const Mesh& mesh : group.meshes) {
+            attach(target, make_mesh_geometry(device, mesh), id++);
+        }
+        for (const Sphere& sphere : group.spheres) {
+            attach(target, make_sphere_geometry(device, &sphere), id++);
+        }
+    }
+    void add_instance(const Instance& instance, std::uint32_t id) {
+        RTCGeometry g = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_INSTANCE);
+        rtcSetGeometryInstancedScene(g, group_scenes[instance.group]);
+        const Transform& m = instance.world_from_group;
+        const float columns[12] = {m.x.x, m.x.y, m.x.z, m.y.x,      m.y.y,      m.y.z,
+                                   m.z.x, m.z.y, m.z.z, m.origin.x, m.origin.y, m.origin.z};
+        rtcSetGeometryTransform(g, 0, RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, columns);
+        attach(group_scenes[0], g, id);
+    }
+    ~Impl() {
+        for (RTCScene scene : group_scenes) {
+            rtcReleaseScene(scene);
+        }
+        if (device != nullptr) {
+            rtcReleaseDevice(device);
+        }
+    }
+};
+
+Accel::Accel(const Scene& scene) : impl_(std::make_unique<Impl>()) {
+    impl_->device = rtcNewDevice(nullptr);
+    if (impl_->device == nullptr) {
+        throw RenderError("the ray tracer could not be started");
+    }
+    rtcSetDeviceMemoryMonitorFunction(impl_->device, count_memory, &impl_->memory);
+    for (std::size_t i = 0; i < scene.groups.size(); ++i) {
+        impl_->group_scenes.push_back(impl_->new_scene());
+    }
+    // The world holds instances of the other groups, so it comes last.
+    for (std::size_t i = scene.groups.size(); i-- > 0;) {
+        RTCScene target = impl_->group_scenes[i];
+        impl_->add_group(target, scene.groups[i]);
+        if (i == 0) {
+            impl_->first_instance = scene.groups[0].geometry_count();
+            std::uint32_t id = impl_->first_instance;
+            for (const Instance& instance : scene.instances) {
+                impl_->add_instance(instance, id++);
+            }
+        }
+        rtcCommitScene(target);
+    }
+    check(impl_->device);
+}
+
+Accel::~Accel() = default;
+
+Hit Accel::intersect(const Ray& ray) const {
+    RTCRayHit rh;
+    rh.ray = embree_ray(ray);
+    rh.hit.geomID = RTC_INVALID_GEOMETRY_ID;
+    rh.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
+    embree_intersect(impl_->group_scenes[0], rh);
+    if (rh.hit.geomID == RTC_INVALID_GEOMETRY_ID) {
+        return {};
+    }
+    const std::uint32_t inst = rh.hit.instID[0];
+    return {rh.ray.tfar,
+            rh.hit.u,
+            rh.hit.v,
+            {rh.hit.Ng_x, rh.hit.Ng_y, rh.hit.Ng_z},
+            rh.hit.geomID,
+            rh.hit.primID,
+            inst == RTC_INVALID_GEOMETRY_ID ? no_index : inst - impl_->first_instance};
+}
+
+bool Accel::occluded(const Ray& ray) const {
+    RTCRay r = embree_ray(ray);
+    embree_occluded(impl_->group_scenes[0], r);
+    return r.tfar < 0.0f;
+}
+
+Bounds Accel::bounds() const {
+    RTCBounds b;
+    rtcGetSceneBounds(impl_->group_scenes[0], &b);
+    return {{b.lower_x, b.lower_y, b.lower_z}, {b.upper_x, b.upper_y, b.upper_z}};
+}
+
+std::size_t Accel::memory_bytes() const {
+    return static_cast<std::size_t>(std::max<std::int64_t>(0, impl_->memory.load()));
+}
+
+std::string Accel::isa() {
+    if (__builtin_cpu_supports("avx512f") != 0 && __builtin_cpu_supports("avx512vl") != 0) {
+        return "avx512";
+    }
+    if (__builtin_cpu_supports("avx2") != 0) {
+        return "avx2";
+    }
+    return __builtin_cpu_supports("avx") != 0 ? "avx" : "sse4.2";
+}
+
+}  // namespace raykiln

@@ -1,0 +1,90 @@
+#pragma once
+
+#include "integrator/surface.h"
+#include "light/light.h"
+#include "sampling/sampler.h"
+
+namespace raykiln {
+
+enum class IntegratorKind : std::uint8_t { path, whitted, direct, ao };
+
+/// Rays by kind, and samples that were not finite.
+struct RayCounts {
+    std::uint64_t camera = 0, bounce = 0, shadow = 0, nonfinite = 0;
+
+    RayCounts& operator+=(const RayCounts& b) {
+        camera += b.camera;
+        bounce += b.bounce;
+        shadow += b.shadow;
+        nonfinite += b.nonfinite;
+        return *this;
+    }
+};
+
+/// What an estimator reads. `max_depth` counts path segments; no limit = a very large number.
+struct EstimatorSettings {
+    IntegratorKind integrator = IntegratorKind::path;
+    SamplerKind sampler = SamplerKind::sobol;
+    int max_depth = 8;
+    int rr_depth = 5;
+    float ao_distance = infinity;  ///< metres
+};
+
+/// The scene to trace, and the random numbers of one sample.
+struct Context {
+    const Scene& scene;
+    const Accel& accel;
+    const EstimatorSettings& settings;
+    SampleKey<float> key;
+    RayCounts& counts;
+
+    Sample4<float> draw(std::uint32_t group) const {
+        return sample_4d(settings.sampler, key, group);
+    }
+};
+
+// Dimension groups of one sample: the camera's, then two a path vertex.
+constexpr std::uint32_t camera_group = 0;
+constexpr std::uint32_t light_group(int vertex) {
+    return 1u + 2u * static_cast<std::uint32_t>(vertex);
+}
+constexpr std::uint32_t bsdf_group(int vertex) {
+    return 2u + 2u * static_cast<std::uint32_t>(vertex);
+}
+
+/// What the first surface that a camera ray meets is like.
+struct FirstHit {
+    Vec3f albedo, normal;
+    Vec3f point;
+    float depth = 0.0f;  ///< along the view axis, set by the renderer
+    bool valid = false;
+};
+
+/// Nearest surface along a ray that is there: surfaces of fractional opacity are passed at random.
+Hit trace(const Context& c, Ray ray, std::uint32_t salt);
+
+/// Whether a light sample can be seen from a surface point.
+bool visible(const Context& c, const Surface& s, const LightSample& light, std::uint32_t salt);
+
+/// Radiance along a camera ray.
+Vec3f estimate_path(const Context& c, const Ray& ray, FirstHit& first);
+Vec3f estimate_whitted(const Context& c, const Ray& ray, FirstHit& first);
+Vec3f estimate_direct(const Context& c, const Ray& ray, FirstHit& first);
+Vec3f estimate_ao(const Context& c, const Ray& ray, FirstHit& first);
+
+/// Radiance from beyond the scene, with the weight that the sampling of each light leaves it.
+/// `pdf_bsdf` is the density of the direction; 0 takes all of it.
+Vec3f escaped_radiance(const Context& c, const Vec3f& direction, float pdf_bsdf);
+
+/// Emitted radiance at a surface met by a ray from `from`, weighted as above.
+Vec3f met_radiance(const Context& c, const Surface& s, const Vec3f& from, const Vec3f& direction,
+                   float pdf_bsdf);
+
+/// Light from one sampled light, reflected into dir_out, weighted against the BSDF's own sampling
+/// (power heuristic) where that could find it and `with_mis` is set.
+Vec3f sample_direct_light(const Context& c, const Surface& s, const Bsdf& bsdf,
+                          const Vec3f& dir_out_local, int vertex, bool with_mis);
+
+FirstHit first_hit_of(const Surface& s, const Bsdf& bsdf);
+
+}  // namespace raykiln

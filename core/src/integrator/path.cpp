@@ -1,0 +1,68 @@
+#include "integrator/context.h"
+
+namespace raykiln {
+
+/// Unidirectional path tracing: next-event estimation and BSDF sampling at every vertex, joined by
+/// multiple importance sampling, with Russian roulette (Veach 1997, chapters 8 to 10).
+Vec3f estimate_path(const Context& c, const Ray& camera_ray, FirstHit& first) {
+    Vec3f radiance;
+    Vec3f throughput(1.0f);
+    float eta_scale = 1.0f;  // of the radiance, by the refractions so far
+    float pdf_bsdf = 0.0f;   // of the last direction; 0 if no light sample could have found it
+    Vec3f previous = camera_ray.origin;
+    Ray ray = camera_ray;
+
+    for (int depth = 1;; ++depth) {
+        // Follow the ray; whatever glows at its end is the emission of this path length.
+        const Hit hit = trace(c, ray, bsdf_group(depth));
+        if (!hit.valid()) {
+            return radiance + throughput * escaped_radiance(c, ray.direction, pdf_bsdf);
+        }
+        const Surface s = make_surface(c.scene, hit, ray);
+        radiance += throughput * met_radiance(c, s, previous, ray.direction, pdf_bsdf);
+        const Bsdf bsdf = make_bsdf(*s.material, c.scene.textures, s.uv);
+        if (depth == 1) {
+            first = first_hit_of(s, bsdf);
+        }
+        if (depth >= c.settings.max_depth) {
+            return radiance;
+        }
+
+        // Light that comes straight from a light, scattered here.
+        const Vec3f dir_out = s.shading.to_local(-ray.direction);
+        if (!is_specular(bsdf)) {
+            radiance += throughput * sample_direct_light(c, s, bsdf, dir_out, depth, true);
+        }
+
+        // Go on in a direction that the material chooses.
+        const Sample4<float> u = c.draw(bsdf_group(depth));
+        const BsdfSample<float> next = sample(bsdf, dir_out, {u[0], u[1], u[2]});
+        throughput *= next.weight;
+        if (max_component(throughput) <= 0.0f) {
+            return radiance;
+        }
+        eta_scale *= next.eta;
+        pdf_bsdf = next.specular ? 0.0f : next.pdf_solid_angle;
+        previous = s.p;
+        ray = spawn_ray(s, normalize(s.shading.to_world(next.dir_in)));
+        ++c.counts.bounce;
+
+        // Russian roulette: end paths that carry little, make up for it in the others.
+        if (c.settings.rr_depth >= 0 && depth >= c.settings.rr_depth) {
+            const float survival = min(max_component(throughput) * sqr(eta_scale), 0.95f);
+            if (u[3] >= survival) {
+                return radiance;
+            }
+            throughput *= 1.0f / survival;
+        }
+    }
+}
+
+/// Emission and light from one bounce.
+Vec3f estimate_direct(const Context& c, const Ray& ray, FirstHit& first) {
+    EstimatorSettings one_bounce = c.settings;
+    one_bounce.max_depth = std::min(one_bounce.max_depth, 2);
+    return estimate_path({c.scene, c.accel, one_bounce, c.key, c.counts}, ray, first);
+}
+
+}  // namespace raykiln

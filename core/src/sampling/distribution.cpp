@@ -1,0 +1,105 @@
+#include "sampling/distribution.h"
+
+#include <numeric>
+
+namespace raykiln {
+
+AliasTable::AliasTable(const std::vector<float>& weights) : cells_(weights.size()) {
+    const std::size_t n = weights.size();
+    const double sum = std::accumulate(weights.begin(), weights.end(), 0.0);
+    std::vector<double> scaled(n);
+    for (std::size_t i = 0; i < n; ++i) {
+        const double p = sum > 0 ? weights[i] / sum : 1.0 / static_cast<double>(n);
+        cells_[i] = {1.0f, static_cast<float>(p), static_cast<std::uint32_t>(i)};
+        scaled[i] = p * static_cast<double>(n);
+    }
+    std::vector<std::uint32_t> small, large;
+    for (std::uint32_t i = 0; i < n; ++i) {
+        (scaled[i] < 1.0 ? small : large).push_back(i);
+    }
+    while (!small.empty() && !large.empty()) {
+        const std::uint32_t s = small.back(), l = large.back();
+        small.pop_back();
+        cells_[s].threshold = static_cast<float>(scaled[s]);
+        cells_[s].alias = l;
+        scaled[l] -= 1.0 - scaled[s];
+        if (scaled[l] < 1.0) {
+            large.pop_back();
+            small.push_back(l);
+        }
+    }
+}
+
+namespace {
+
+/// Running sums of n weights scaled to end at 1; returns their total.
+double fill_cdf(const float* weights, int n, float* cdf) {
+    double total = 0;
+    for (int i = 0; i < n; ++i) {
+        total += weights[i];
+    }
+    double running = 0;
+    cdf[0] = 0.0f;
+    for (int i = 0; i < n; ++i) {
+        running += total > 0 ? weights[i] / total : 1.0 / n;
+        cdf[i + 1] = static_cast<float>(running);
+    }
+    cdf[n] = 1.0f;
+    return total;
+}
+
+/// The cell of a cdf that holds u, and where in it, in [0, 1).
+int find_cell(const float* cdf, int n, float u, float& within) {
+    const float* upper = std::upper_bound(cdf, cdf + n + 1, u);
+    const int cell = std::clamp(static_cast<int>(upper - cdf) - 1, 0, n - 1);
+    const float size = cdf[cell + 1] - cdf[cell];
+    within = size > 0 ? std::min((u - cdf[cell]) / size, one_minus_epsilon) : 0.5f;
+    return cell;
+}
+
+}  // namespace
+
+Distribution2D::Distribution2D(const std::vector<float>& weights, int width, int height) :
+    width_(width), height_(height), density_(weights.size()),
+    row_cdf_(static_cast<std::size_t>(height) + 1),
+    column_cdf_((static_cast<std::size_t>(width) + 1) * static_cast<std::size_t>(height)) {
+    std::vector<float> row_sums(static_cast<std::size_t>(height));
+    for (int y = 0; y < height; ++y) {
+        const auto row = static_cast<std::size_t>(y);
+        row_sums[row] = static_cast<float>(
+            fill_cdf(&weights[row * static_cast<std::size_t>(width)], width,
+                     &column_cdf_[row * (static_cast<std::size_t>(width) + 1)]));
+    }
+    fill_cdf(row_sums.data(), height, row_cdf_.data());
+    // The density that `sample` really has, from the rounded tables.
+    const float cells = static_cast<float>(width) * static_cast<float>(height);
+    for (int y = 0; y < height; ++y) {
+        const auto row = static_cast<std::size_t>(y);
+        const float p_row = row_cdf_[row + 1] - row_cdf_[row];
+        const float* cdf = &column_cdf_[row * (static_cast<std::size_t>(width) + 1)];
+        for (int x = 0; x < width; ++x) {
+            density_[row * static_cast<std::size_t>(width) + static_cast<std::size_t>(x)] =
+                p_row * (cdf[x + 1] - cdf[x]) * cells;
+        }
+    }
+}
+
+Vec2f Distribution2D::sample(float u, float v, float& pdf) const {
+    float fx, fy;
+    const int y = find_cell(row_cdf_.data(), height_, v, fy);
+    const auto row = static_cast<std::size_t>(y);
+    const int x = find_cell(&column_cdf_[row * (static_cast<std::size_t>(width_) + 1)], width_,
+                            u, fx);
+    pdf = density_[row * static_cast<std::size_t>(width_) + static_cast<std::size_t>(x)];
+    return {(static_cast<float>(x) + fx) / static_cast<float>(width_),
+            (static_cast<float>(y) + fy) / static_cast<float>(height_)};
+}
+
+float Distribution2D::pdf(Vec2f p) const {
+    const int x = std::clamp(static_cast<int>(p.x * static_cast<float>(width_)), 0, width_ - 1);
+    const int y = std::clamp(static_cast<int>(p.y * static_cast<float>(height_)), 0, height_ - 1);
+    return density_[static_cast<std::size_t>(y) * static_cast<std::size_t>(width_) +
+                    static_cast<std::size_t>(x)];
+}
+
+}  // namespace raykiln
