@@ -38,11 +38,18 @@ RenderOptions options_of(const py::dict& d) {
     o.seed = d["seed"].cast<std::uint32_t>();
     o.threads = d["threads"].cast<int>();
     o.filter = filter_of(d["filter"].cast<std::string>());
-    o.layers = {d["albedo"].cast<bool>(), d["normal"].cast<bool>(), d["depth"].cast<bool>()};
+    o.layers = {d["albedo"].cast<bool>(), d["normal"].cast<bool>(),
+                d["depth"].cast<bool>()};
     o.estimator.integrator = integrator_of(d["integrator"].cast<std::string>());
     o.estimator.sampler = d["sampler"].cast<std::string>() == "independent"
                               ? SamplerKind::independent
                               : SamplerKind::sobol;
+    if (d.contains("strategy")) {
+        const auto name = d["strategy"].cast<std::string>();
+        o.estimator.strategy = name == "light"  ? Strategy::light_only
+                               : name == "bsdf" ? Strategy::bsdf_only
+                                                : Strategy::mis;
+    }
     const int max_depth = d["max_depth"].cast<int>();
     o.estimator.max_depth = max_depth < 0 ? 1 << 30 : max_depth;
     o.estimator.rr_depth = d["rr_depth"].cast<int>();
@@ -80,7 +87,8 @@ py::array plane(py::object& self, std::vector<T>& values, bool three) {
     return py::array_t<T>(shape, values.data(), self);
 }
 
-/// The sums of the film by name, shared with it: read them for an image, fill them to resume.
+/// The sums of the film by name, shared with it: read them for an image, fill them to
+/// resume.
 py::dict planes(py::object self) {
     Film& film = self.cast<PyRenderer&>().renderer.film();
     py::dict d;
@@ -125,14 +133,14 @@ py::dict counts_of(const PyRenderer& r) {
 
 void bind_render(py::module_& m) {
     py::class_<PyRenderer>(m, "Renderer")
-        .def(py::init<std::shared_ptr<CompiledScene>, const py::dict&>(), py::arg("scene"),
-             py::arg("options"))
+        .def(py::init<std::shared_ptr<CompiledScene>, const py::dict&>(),
+             py::arg("scene"), py::arg("options"))
         .def("run_pass", &run_pass, py::arg("poll"))
         .def("planes", &planes)
         .def("resume", [](PyRenderer& r) { r.renderer.resume(); })
         .def("counts", &counts_of)
-        .def_property_readonly("samples_done",
-                               [](const PyRenderer& r) { return r.renderer.samples_done(); })
+        .def_property_readonly(
+            "samples_done", [](const PyRenderer& r) { return r.renderer.samples_done(); })
         .def_property_readonly("finished",
                                [](const PyRenderer& r) { return r.renderer.finished(); })
         .def_property_readonly("threads",

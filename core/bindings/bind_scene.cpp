@@ -1,4 +1,5 @@
-// Scenes: raykiln/compile.py describes one part by part, with arrays that are shared, not copied.
+// Scenes: raykiln/compile.py describes one part by part, with arrays that are shared, not
+// copied.
 #include <cstdint>
 #include <cstring>
 #include <memory>
@@ -23,7 +24,9 @@ using Rgb = std::tuple<float, float, float>;
 using ColorTuple = std::tuple<Rgb, int, std::string>;  // factor, texture, channel
 using FloatTuple = std::tuple<float, int, std::string>;
 
-Vec3f vec3(const Rgb& v) { return {std::get<0>(v), std::get<1>(v), std::get<2>(v)}; }
+Vec3f vec3(const Rgb& v) {
+    return {std::get<0>(v), std::get<1>(v), std::get<2>(v)};
+}
 
 Channel channel_of(const std::string& name) {
     return name == "r"   ? Channel::r
@@ -41,7 +44,8 @@ FloatSlot float_slot(const py::dict& d, const char* key) {
     return {std::get<0>(t), std::get<1>(t), channel_of(std::get<2>(t))};
 }
 MicrofacetSlots surface_slots(const py::dict& d) {
-    return {float_slot(d, "alpha_u"), float_slot(d, "alpha_v"), d["beckmann"].cast<bool>()};
+    return {float_slot(d, "alpha_u"), float_slot(d, "alpha_v"),
+            d["beckmann"].cast<bool>()};
 }
 template <class T>
 T number(const py::dict& d, const char* key) {
@@ -57,8 +61,10 @@ std::shared_ptr<const void> keep(const py::object& object) {
             }};
 }
 
-/// The array's own memory if reading 4 bytes past its end cannot leave its page, else a copy.
-const float* padded(const Array<float>& array, std::vector<std::shared_ptr<const void>>& owners) {
+/// The array's own memory if reading 4 bytes past its end cannot leave its page, else a
+/// copy.
+const float* padded(const Array<float>& array,
+                    std::vector<std::shared_ptr<const void>>& owners) {
     constexpr std::uintptr_t page = 4096;
     const auto end = reinterpret_cast<std::uintptr_t>(array.data()) +
                      static_cast<std::uintptr_t>(array.nbytes());
@@ -66,7 +72,8 @@ const float* padded(const Array<float>& array, std::vector<std::shared_ptr<const
         owners.push_back(keep(array));
         return array.data();
     }
-    auto copy = std::make_shared<std::vector<float>>(static_cast<std::size_t>(array.size()) + 1);
+    auto copy =
+        std::make_shared<std::vector<float>>(static_cast<std::size_t>(array.size()) + 1);
     std::memcpy(copy->data(), array.data(), static_cast<std::size_t>(array.nbytes()));
     owners.push_back(copy);
     return copy->data();
@@ -89,8 +96,8 @@ TextureWrap wrap_of(const std::string& name) {
 int add_image_texture(CompiledScene& s, const py::array& pixels, bool srgb,
                       const std::string& filter, const std::string& wrap_u,
                       const std::string& wrap_v, const py::object& transform) {
-    if (pixels.ndim() != 3 || pixels.shape(2) < 1 || pixels.shape(2) > 4 || pixels.size() == 0 ||
-        (pixels.flags() & py::array::c_style) == 0) {
+    if (pixels.ndim() != 3 || pixels.shape(2) < 1 || pixels.shape(2) > 4 ||
+        pixels.size() == 0 || (pixels.flags() & py::array::c_style) == 0) {
         throw SceneError("a texture takes a C-contiguous array (height, width, 1..4)");
     }
     ImageTexture t;
@@ -138,28 +145,27 @@ MaterialKind material_kind(const std::string& kind, const py::dict& d) {
                                   number<bool>(d, "thin")};
     }
     if (kind == "plastic") {
-        PlasticMaterial m{number<float>(d, "eta"), color_slot(d, "diffuse"),
-                          color_slot(d, "specular"), surface_slots(d),
+        PlasticMaterial m{number<float>(d, "eta"),      color_slot(d, "diffuse"),
+                          color_slot(d, "specular"),    surface_slots(d),
                           number<bool>(d, "nonlinear"), {}};
-        m.table = make_interface_table(m.eta, m.surface.alpha_u.factor, m.surface.beckmann);
+        m.table =
+            make_interface_table(m.eta, m.surface.alpha_u.factor, m.surface.beckmann);
         return m;
     }
     if (kind == "principled") {
-        return PrincipledMaterial{color_slot(d, "base_color"), color_slot(d, "specular_color"),
-                                  float_slot(d, "metallic"),   float_slot(d, "roughness"),
-                                  float_slot(d, "specular"),   float_slot(d, "transmission"),
-                                  number<float>(d, "ior")};
+        return PrincipledMaterial{
+            color_slot(d, "base_color"), color_slot(d, "specular_color"),
+            float_slot(d, "metallic"),   float_slot(d, "roughness"),
+            float_slot(d, "specular"),   float_slot(d, "transmission"),
+            number<float>(d, "ior")};
     }
     throw SceneError("unknown material kind " + kind);
 }
 
 int add_material(CompiledScene& s, const std::string& kind, const py::dict& d) {
-    Material m{material_kind(kind, d),
-               number<bool>(d, "two_sided"),
-               number<int>(d, "normal_map"),
-               number<float>(d, "normal_scale"),
-               float_slot(d, "opacity"),
-               number<float>(d, "alpha_cutoff")};
+    Material m{material_kind(kind, d),       number<bool>(d, "two_sided"),
+               number<int>(d, "normal_map"), number<float>(d, "normal_scale"),
+               float_slot(d, "opacity"),     number<float>(d, "alpha_cutoff")};
     s.scene.has_opacity = s.scene.has_opacity || m.has_opacity();
     s.scene.materials.push_back(std::move(m));
     return static_cast<int>(s.scene.materials.size()) - 1;
@@ -170,13 +176,15 @@ std::uint32_t add_emission(CompiledScene& s, const py::object& emission) {
         return no_index;
     }
     const auto d = emission.cast<py::dict>();
-    s.scene.emissions.push_back({color_slot(d, "radiance"), number<bool>(d, "two_sided")});
+    s.scene.emissions.push_back(
+        {color_slot(d, "radiance"), number<bool>(d, "two_sided")});
     return static_cast<std::uint32_t>(s.scene.emissions.size()) - 1;
 }
 
 void add_mesh(CompiledScene& s, std::uint32_t group, const Array<float>& vertices,
-              const Array<std::uint32_t>& faces, const py::object& normals, const py::object& uvs,
-              std::uint32_t material, const py::object& emission, bool flip_normals) {
+              const Array<std::uint32_t>& faces, const py::object& normals,
+              const py::object& uvs, std::uint32_t material, const py::object& emission,
+              bool flip_normals) {
     Mesh mesh;
     mesh.vertex_count = static_cast<std::uint32_t>(vertices.shape(0));
     mesh.triangle_count = static_cast<std::uint32_t>(faces.shape(0));
@@ -222,8 +230,10 @@ void add_environment(CompiledScene& s, const Rgb& scale, int map,
 void add_camera(CompiledScene& s, const Array<float>& world_from_camera, float tan_half_x,
                 float tan_half_y, float offset_x, float offset_y, float near, float far) {
     const Transform m = transform_of_rows(world_from_camera.data());
-    s.camera = {m.origin, {normalize(m.x), normalize(m.y), normalize(m.z)}, tan_half_x,
-                tan_half_y, offset_x, offset_y, near, far};
+    s.camera = {m.origin,   {normalize(m.x), normalize(m.y), normalize(m.z)},
+                tan_half_x, tan_half_y,
+                offset_x,   offset_y,
+                near,       far};
 }
 
 py::dict summary(const CompiledScene& s) {
@@ -246,8 +256,8 @@ void bind_scene(py::module_& m) {
         .def("add_image_texture", &add_image_texture, py::arg("pixels"), py::kw_only(),
              py::arg("srgb"), py::arg("filter"), py::arg("wrap_u"), py::arg("wrap_v"),
              py::arg("uv_transform"))
-        .def("add_checker_texture", &add_checker_texture, py::arg("color0"), py::arg("color1"),
-             py::arg("uv_transform"))
+        .def("add_checker_texture", &add_checker_texture, py::arg("color0"),
+             py::arg("color1"), py::arg("uv_transform"))
         .def("add_material", &add_material, py::arg("kind"), py::arg("parameters"))
         .def("add_group",
              [](CompiledScene& s) {
@@ -257,18 +267,21 @@ void bind_scene(py::module_& m) {
         .def("add_mesh", &add_mesh, py::arg("group"), py::arg("vertices").noconvert(),
              py::arg("faces").noconvert(), py::arg("normals"), py::arg("uvs"),
              py::arg("material"), py::arg("emission"), py::arg("flip_normals"))
-        .def("add_sphere", &add_sphere, py::arg("group"), py::arg("center"), py::arg("radius"),
-             py::arg("material"), py::arg("emission"), py::arg("flip_normals"))
-        .def("add_instances", &add_instances, py::arg("group"), py::arg("matrices").noconvert())
+        .def("add_sphere", &add_sphere, py::arg("group"), py::arg("center"),
+             py::arg("radius"), py::arg("material"), py::arg("emission"),
+             py::arg("flip_normals"))
+        .def("add_instances", &add_instances, py::arg("group"),
+             py::arg("matrices").noconvert())
         .def("add_point_light",
              [](CompiledScene& s, const Rgb& position, const Rgb& intensity) {
                  s.scene.lights.emplace_back(PointLight{vec3(position), vec3(intensity)});
              })
         .def("add_spot_light",
-             [](CompiledScene& s, const Rgb& position, const Rgb& axis, const Rgb& intensity,
-                float cos_inner, float cos_outer) {
-                 s.scene.lights.emplace_back(SpotLight{vec3(position), normalize(vec3(axis)),
-                                                       vec3(intensity), cos_inner, cos_outer});
+             [](CompiledScene& s, const Rgb& position, const Rgb& axis,
+                const Rgb& intensity, float cos_inner, float cos_outer) {
+                 s.scene.lights.emplace_back(
+                     SpotLight{vec3(position), normalize(vec3(axis)), vec3(intensity),
+                               cos_inner, cos_outer});
              })
         .def("add_directional_light",
              [](CompiledScene& s, const Rgb& direction, const Rgb& irradiance) {
@@ -277,9 +290,9 @@ void bind_scene(py::module_& m) {
              })
         .def("add_environment_light", &add_environment, py::arg("scale"), py::arg("map"),
              py::arg("columns"))
-        .def("set_camera", &add_camera, py::arg("world_from_camera"), py::arg("tan_half_x"),
-             py::arg("tan_half_y"), py::arg("offset_x"), py::arg("offset_y"), py::arg("near"),
-             py::arg("far"))
+        .def("set_camera", &add_camera, py::arg("world_from_camera"),
+             py::arg("tan_half_x"), py::arg("tan_half_y"), py::arg("offset_x"),
+             py::arg("offset_y"), py::arg("near"), py::arg("far"))
         .def("build", &CompiledScene::build, py::call_guard<py::gil_scoped_release>())
         .def("summary", &summary)
         .def("bounds",

@@ -1,6 +1,5 @@
 // The only place where C++ exceptions become Python ones.
 #include "bind.h"
-
 #include "error.h"
 
 namespace py = pybind11;

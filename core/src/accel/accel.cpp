@@ -29,10 +29,11 @@ void check(RTCDevice device) {
 
 RTCGeometry make_mesh_geometry(RTCDevice device, const Mesh& mesh) {
     RTCGeometry g = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_TRIANGLE);
-    rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, mesh.positions, 0,
-                               3 * sizeof(float), mesh.vertex_count);
-    rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, mesh.indices, 0,
-                               3 * sizeof(std::uint32_t), mesh.triangle_count);
+    rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
+                               mesh.positions, 0, 3 * sizeof(float), mesh.vertex_count);
+    rtcSetSharedGeometryBuffer(g, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                               mesh.indices, 0, 3 * sizeof(std::uint32_t),
+                               mesh.triangle_count);
     return g;
 }
 
@@ -85,8 +86,9 @@ struct Accel::Impl {
         RTCGeometry g = rtcNewGeometry(device, RTC_GEOMETRY_TYPE_INSTANCE);
         rtcSetGeometryInstancedScene(g, group_scenes[instance.group]);
         const Transform& m = instance.world_from_group;
-        const float columns[12] = {m.x.x, m.x.y, m.x.z, m.y.x,      m.y.y,      m.y.z,
-                                   m.z.x, m.z.y, m.z.z, m.origin.x, m.origin.y, m.origin.z};
+        const float columns[12] = {m.x.x, m.x.y,      m.x.z,      m.y.x,
+                                   m.y.y, m.y.z,      m.z.x,      m.z.y,
+                                   m.z.z, m.origin.x, m.origin.y, m.origin.z};
         rtcSetGeometryTransform(g, 0, RTC_FORMAT_FLOAT3X4_COLUMN_MAJOR, columns);
         attach(group_scenes[0], g, id);
     }
@@ -163,7 +165,8 @@ std::size_t Accel::memory_bytes() const {
 }
 
 std::string Accel::isa() {
-    if (__builtin_cpu_supports("avx512f") != 0 && __builtin_cpu_supports("avx512vl") != 0) {
+    if (__builtin_cpu_supports("avx512f") != 0 &&
+        __builtin_cpu_supports("avx512vl") != 0) {
         return "avx512";
     }
     if (__builtin_cpu_supports("avx2") != 0) {

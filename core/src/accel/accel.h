@@ -20,8 +20,8 @@ struct Hit {
     bool valid() const { return geometry != no_index; }
 };
 
-/// Bounding volume hierarchies over a scene (Embree). The scene must outlive it unchanged.
-/// Safe to use from many threads at once.
+/// Bounding volume hierarchies over a scene (Embree). The scene must outlive it
+/// unchanged. Safe to use from many threads at once.
 class Accel {
   public:
     /// Builds; throws RenderError if memory runs out.

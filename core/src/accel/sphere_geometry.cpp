@@ -4,8 +4,8 @@
 
 namespace raykiln {
 
-double intersect_sphere(const Vec3f& origin, const Vec3f& direction, double t_near, double t_far,
-                        const Vec3f& center, float radius) {
+double intersect_sphere(const Vec3f& origin, const Vec3f& direction, double t_near,
+                        double t_far, const Vec3f& center, float radius) {
     const double dx = direction.x, dy = direction.y, dz = direction.z;
     const double ox = double(origin.x) - center.x;
     const double oy = double(origin.y) - center.y;
@@ -28,7 +28,9 @@ double intersect_sphere(const Vec3f& origin, const Vec3f& direction, double t_ne
 
 namespace {
 
-const Sphere& sphere_of(void* user) { return *static_cast<const Sphere*>(user); }
+const Sphere& sphere_of(void* user) {
+    return *static_cast<const Sphere*>(user);
+}
 
 void sphere_bounds(const RTCBoundsFunctionArguments* args) {
     const Sphere& s = sphere_of(args->geometryUserPtr);

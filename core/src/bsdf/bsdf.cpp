@@ -8,7 +8,8 @@ namespace {
 
 using Textures = std::vector<Texture>;
 
-Microfacet<float> evaluate_surface(const MicrofacetSlots& s, const Textures& textures, Vec2f uv) {
+Microfacet<float> evaluate_surface(const MicrofacetSlots& s, const Textures& textures,
+                                   Vec2f uv) {
     return {max(evaluate(s.alpha_u, textures, uv), min_alpha),
             max(evaluate(s.alpha_v, textures, uv), min_alpha), s.beckmann};
 }
@@ -22,7 +23,9 @@ struct Evaluate {
     const Textures& textures;
     Vec2f uv;
 
-    Vec3f color(const ColorSlot& slot) const { return bounded(evaluate(slot, textures, uv)); }
+    Vec3f color(const ColorSlot& slot) const {
+        return bounded(evaluate(slot, textures, uv));
+    }
     float number(const FloatSlot& slot) const {
         return clamp(evaluate(slot, textures, uv), 0.0f, 1.0f);
     }
@@ -32,18 +35,27 @@ struct Evaluate {
     }
     Bsdf operator()(const ConductorMaterial& m) const {
         return Conductor<float>{m.eta, m.k, color(m.reflectance),
-                                evaluate_surface(m.surface, textures, uv), m.surface.smooth()};
+                                evaluate_surface(m.surface, textures, uv),
+                                m.surface.smooth()};
     }
     Bsdf operator()(const DielectricMaterial& m) const {
         // Refraction without a change of index has no half vector.
         const bool smooth = m.surface.smooth() || std::fabs(m.eta - 1.0f) < 1e-3f;
-        return Dielectric<float>{m.eta, color(m.reflectance), color(m.transmittance),
-                                 evaluate_surface(m.surface, textures, uv), smooth, m.thin};
+        return Dielectric<float>{m.eta,
+                                 color(m.reflectance),
+                                 color(m.transmittance),
+                                 evaluate_surface(m.surface, textures, uv),
+                                 smooth,
+                                 m.thin};
     }
     Bsdf operator()(const PlasticMaterial& m) const {
-        return Plastic<float>{m.eta, color(m.diffuse), color(m.specular),
-                              evaluate_surface(m.surface, textures, uv), &m.table,
-                              m.surface.smooth(), m.nonlinear};
+        return Plastic<float>{m.eta,
+                              color(m.diffuse),
+                              color(m.specular),
+                              evaluate_surface(m.surface, textures, uv),
+                              &m.table,
+                              m.surface.smooth(),
+                              m.nonlinear};
     }
     Bsdf operator()(const PrincipledMaterial& m) const {
         const float f0 = sqr((m.ior - 1.0f) / (m.ior + 1.0f));
@@ -51,9 +63,9 @@ struct Evaluate {
         // The tint may exceed 1; only the product is bounded (KHR_materials_specular).
         const Vec3f tint = evaluate(m.specular_color, textures, uv);
         const float alpha = max(sqr(number(m.roughness)), min_alpha);
-        return Principled<float>{color(m.base_color), bounded(tint * f0) * specular, specular,
-                                 number(m.metallic), number(m.transmission),
-                                 {alpha, alpha, false}};
+        return Principled<float>{
+            color(m.base_color), bounded(tint * f0) * specular, specular,
+            number(m.metallic),  number(m.transmission),        {alpha, alpha, false}};
     }
 };
 
@@ -98,8 +110,8 @@ Vec3f albedo(const Bsdf& bsdf) {
 
 namespace {
 
-/// Directional reflectance of a rough dielectric interface at one angle, by midpoint quadrature
-/// over the sampled normals.
+/// Directional reflectance of a rough dielectric interface at one angle, by midpoint
+/// quadrature over the sampled normals.
 float interface_reflectance(float cosine, float eta, const Microfacet<float>& facet) {
     constexpr int n = 64;
     const Vec3f dir_out{safe_sqrt(1.0f - cosine * cosine), 0.0f, cosine};
@@ -136,8 +148,10 @@ InterfaceTable make_interface_table(float eta, float alpha, bool beckmann) {
     const Microfacet<float> facet{a, a, beckmann};
     double internal = 0;
     for (int i = 0; i < InterfaceTable::size; ++i) {
-        const float cosine = max(static_cast<float>(i) / (InterfaceTable::size - 1), 1e-4f);
-        table.transmittance[i] = clamp(1.0f - interface_reflectance(cosine, eta, facet), 0.0f, 1.0f);
+        const float cosine =
+            max(static_cast<float>(i) / (InterfaceTable::size - 1), 1e-4f);
+        table.transmittance[i] =
+            clamp(1.0f - interface_reflectance(cosine, eta, facet), 0.0f, 1.0f);
     }
     constexpr int n = 256;
     for (int i = 0; i < n; ++i) {

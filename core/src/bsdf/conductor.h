@@ -38,16 +38,16 @@ inline BsdfSample<F> sample(const Conductor<F>& b, const Vec3<F>& dir_out,
     if (b.smooth) {
         const auto above = dir_out.z > F(0.0f);
         const Vec3<F> fresnel = fresnel_conductor(dir_out.z, b.eta, b.k) * b.reflectance;
-        return {reflect(dir_out), select(above, fresnel, Vec3<F>(F(0.0f))), F(1.0f), F(1.0f),
-                Mask<F>(true)};
+        return {reflect(dir_out), select(above, fresnel, Vec3<F>(F(0.0f))), F(1.0f),
+                F(1.0f), Mask<F>(true)};
     }
     const Vec3<F> m = sample_microfacet(b.facet, dir_out, u.x, u.y);
     const Vec3<F> dir_in = reflect(dir_out, m);
     const BsdfValue<F> v = evaluate(b, dir_out, dir_in);
     const auto valid = v.pdf_solid_angle > F(0.0f);
     const F pdf = select(valid, v.pdf_solid_angle, F(1.0f));
-    return {dir_in, select(valid, v.value / pdf, Vec3<F>(F(0.0f))), v.pdf_solid_angle, F(1.0f),
-            Mask<F>(false)};
+    return {dir_in, select(valid, v.value / pdf, Vec3<F>(F(0.0f))), v.pdf_solid_angle,
+            F(1.0f), Mask<F>(false)};
 }
 
 }  // namespace raykiln

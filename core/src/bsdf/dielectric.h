@@ -6,9 +6,10 @@
 
 namespace raykiln {
 
-/// A clear interface: reflects and refracts, smooth or through microfacets. `eta` = index inside
-/// over outside; the normal points outside. Radiance is scaled by the square of the relative
-/// index on refraction. `thin`: both faces of a pane at once, light goes straight on.
+/// A clear interface: reflects and refracts, smooth or through microfacets. `eta` = index
+/// inside over outside; the normal points outside. Radiance is scaled by the square of
+/// the relative index on refraction. `thin`: both faces of a pane at once, light goes
+/// straight on.
 template <class F>
 struct Dielectric {
     F eta;
@@ -54,25 +55,28 @@ inline BsdfValue<F> evaluate(const Dielectric<F>& b, const Vec3<F>& dir_out,
                b.transmittance *
                    ((F(1.0f) - r) * spread * abs(cos_out * cos_in) / (scale * scale)));
     const F pdf = pdf_m * jacobian * select(reflected, r, F(1.0f) - r);
-    const auto valid = (abs(dir_out.z * dir_in.z) > F(0.0f)) & (g > F(0.0f)) & (pdf > F(0.0f));
+    const auto valid =
+        (abs(dir_out.z * dir_in.z) > F(0.0f)) & (g > F(0.0f)) & (pdf > F(0.0f));
     return {select(valid, value, Vec3<F>(F(0.0f))), select(valid, pdf, F(0.0f))};
 }
 
 namespace detail {
 
 template <class F>
-inline BsdfSample<F> sample_smooth(const Dielectric<F>& b, const Vec3<F>& dir_out, F u_lobe) {
+inline BsdfSample<F> sample_smooth(const Dielectric<F>& b, const Vec3<F>& dir_out,
+                                   F u_lobe) {
     const DielectricFresnel<F> f = fresnel_dielectric(dir_out.z, b.eta);
     if (b.thin) {
-        const F r = thin_reflectance(fresnel_dielectric(abs(dir_out.z), b.eta).reflectance);
+        const F r =
+            thin_reflectance(fresnel_dielectric(abs(dir_out.z), b.eta).reflectance);
         const auto reflects = u_lobe < r;
         return {select(reflects, reflect(dir_out), -dir_out),
                 select(reflects, b.reflectance, b.transmittance), F(1.0f), F(1.0f),
                 Mask<F>(true)};
     }
     const auto reflects = u_lobe < f.reflectance;
-    const Vec3<F> refracted{F(0.0f) - f.eta_ti * dir_out.x, F(0.0f) - f.eta_ti * dir_out.y,
-                            f.cos_transmitted};
+    const Vec3<F> refracted{F(0.0f) - f.eta_ti * dir_out.x,
+                            F(0.0f) - f.eta_ti * dir_out.y, f.cos_transmitted};
     return {select(reflects, reflect(dir_out), refracted),
             select(reflects, b.reflectance, b.transmittance * sqr(f.eta_ti)), F(1.0f),
             select(reflects, F(1.0f), F(1.0f) / f.eta_ti), Mask<F>(true)};

@@ -4,16 +4,18 @@
 
 namespace raykiln {
 
-/// Fresnel reflectance of a dielectric interface for unpolarised light, and how it refracts.
+/// Fresnel reflectance of a dielectric interface for unpolarised light, and how it
+/// refracts.
 template <class F>
 struct DielectricFresnel {
     F reflectance;
-    F cos_transmitted;  ///< cosine on the other side; opposite sign to the incident cosine
+    F cos_transmitted;  ///< cosine on the other side; opposite sign to the incident
+                        ///< cosine
     F eta_ti;           ///< index of the side left over index of the side entered
 };
 
-/// `cosine` of the angle to the normal (negative: from inside), `eta` = index inside / outside.
-/// Fresnel's equations, e.g. Born and Wolf, section 1.5.2.
+/// `cosine` of the angle to the normal (negative: from inside), `eta` = index inside /
+/// outside. Fresnel's equations, e.g. Born and Wolf, section 1.5.2.
 template <class F>
 inline DielectricFresnel<F> fresnel_dielectric(F cosine, F eta) {
     const auto outside = cosine >= F(0.0f);
@@ -31,8 +33,8 @@ inline DielectricFresnel<F> fresnel_dielectric(F cosine, F eta) {
             select(outside, F(0.0f) - cos_t, cos_t), eta_ti};
 }
 
-/// Fresnel reflectance of a conductor with complex index eta + i k (relative to the outside), one
-/// channel. Exact form, e.g. Born and Wolf, section 14.2.
+/// Fresnel reflectance of a conductor with complex index eta + i k (relative to the
+/// outside), one channel. Exact form, e.g. Born and Wolf, section 14.2.
 template <class F>
 inline F fresnel_conductor(F cosine, F eta, F k) {
     const F cos2 = cosine * cosine;
@@ -63,8 +65,9 @@ inline Vec3<F> fresnel_schlick(F cosine, const Vec3<F>& f0, const Vec3<F>& f90) 
     return f0 + (f90 - f0) * (m2 * m2 * m);
 }
 
-/// Hemispherical average of the Fresnel reflectance, for light that meets the interface from the
-/// side of relative index `eta` (index beyond / index before), by quadrature over the cosine.
+/// Hemispherical average of the Fresnel reflectance, for light that meets the interface
+/// from the side of relative index `eta` (index beyond / index before), by quadrature
+/// over the cosine.
 inline float fresnel_diffuse_reflectance(float eta) {
     constexpr int n = 1024;
     double sum = 0;

@@ -2,8 +2,9 @@
 
 #include "sampling/warp.h"
 
-// Microfacet surfaces (Walter et al. 2007, "Microfacet Models for Refraction through Rough
-// Surfaces"; Heitz 2014, JCGT 3(2)). Directions are in the shading frame, normal +z.
+// Microfacet surfaces (Walter et al. 2007, "Microfacet Models for Refraction through
+// Rough Surfaces"; Heitz 2014, JCGT 3(2)). Directions are in the shading frame, normal
+// +z.
 
 namespace raykiln {
 
@@ -38,7 +39,8 @@ inline F microfacet_g1(const Microfacet<F>& mf, const Vec3<F>& v, const Vec3<F>&
     if (mf.beckmann) {
         const F a = F(1.0f) / sqrt(max(tan2_alpha2, F(1e-20f)));
         const F a2 = a * a;
-        const F fit = (F(3.535f) * a + F(2.181f) * a2) / (F(1.0f) + F(2.276f) * a + F(2.577f) * a2);
+        const F fit =
+            (F(3.535f) * a + F(2.181f) * a2) / (F(1.0f) + F(2.276f) * a + F(2.577f) * a2);
         g = select(a >= F(1.6f), F(1.0f), fit);
     } else {
         g = F(2.0f) / (F(1.0f) + sqrt(F(1.0f) + tan2_alpha2));
@@ -57,7 +59,8 @@ inline F microfacet_g(const Microfacet<F>& mf, const Vec3<F>& a, const Vec3<F>& 
 /// Height-correlated GGX shadowing and masking over (4 |a.z| |b.z|), as glTF 2.0 uses it
 /// (Heitz 2014, equation 99); both directions above the surface.
 template <class F>
-inline F ggx_visibility_correlated(const Microfacet<F>& mf, const Vec3<F>& a, const Vec3<F>& b) {
+inline F ggx_visibility_correlated(const Microfacet<F>& mf, const Vec3<F>& a,
+                                   const Vec3<F>& b) {
     const auto stretched = [&](const Vec3<F>& v) {
         return sqrt(sqr(mf.alpha_x * v.x) + sqr(mf.alpha_y * v.y) + v.z * v.z);
     };

@@ -7,8 +7,9 @@
 
 namespace raykiln {
 
-/// A diffuse base under a dielectric coat, smooth or rough. Light scattered back and forth below
-/// the coat is summed in closed form, as the internal reflectance is the same for all directions.
+/// A diffuse base under a dielectric coat, smooth or rough. Light scattered back and
+/// forth below the coat is summed in closed form, as the internal reflectance is the same
+/// for all directions.
 template <class F>
 struct Plastic {
     F eta;
@@ -53,11 +54,13 @@ inline F coat_probability(const Plastic<F>& b, F transmittance) {
 inline float interpolate_transmittance(const InterfaceTable& table, float cosine) {
     const float x = clamp(cosine, 0.0f, 1.0f) * (InterfaceTable::size - 1);
     const int i = std::min(static_cast<int>(x), InterfaceTable::size - 2);
-    return lerp(table.transmittance[i], table.transmittance[i + 1], x - static_cast<float>(i));
+    return lerp(table.transmittance[i], table.transmittance[i + 1],
+                x - static_cast<float>(i));
 }
 
 template <class F>
-inline BsdfValue<F> evaluate(const Plastic<F>& b, const Vec3<F>& dir_out, const Vec3<F>& dir_in) {
+inline BsdfValue<F> evaluate(const Plastic<F>& b, const Vec3<F>& dir_out,
+                             const Vec3<F>& dir_in) {
     const auto above = min(dir_out.z, dir_in.z) > F(0.0f);
     const F t_out = detail::coat_transmittance(b, dir_out.z);
     const F t_in = detail::coat_transmittance(b, dir_in.z);
@@ -78,7 +81,8 @@ inline BsdfValue<F> evaluate(const Plastic<F>& b, const Vec3<F>& dir_out, const 
 }
 
 template <class F>
-inline BsdfSample<F> sample(const Plastic<F>& b, const Vec3<F>& dir_out, const BsdfRandom<F>& u) {
+inline BsdfSample<F> sample(const Plastic<F>& b, const Vec3<F>& dir_out,
+                            const BsdfRandom<F>& u) {
     const F t_out = detail::coat_transmittance(b, dir_out.z);
     const F p_coat = detail::coat_probability(b, t_out);
     const auto coat = u.lobe < p_coat;
@@ -86,8 +90,9 @@ inline BsdfSample<F> sample(const Plastic<F>& b, const Vec3<F>& dir_out, const B
     if (b.smooth) {
         dir_in = select(coat, reflect(dir_out), dir_in);
     } else {
-        dir_in = select(coat, reflect(dir_out, sample_microfacet(b.facet, dir_out, u.x, u.y)),
-                        dir_in);
+        dir_in =
+            select(coat, reflect(dir_out, sample_microfacet(b.facet, dir_out, u.x, u.y)),
+                   dir_in);
     }
     const BsdfValue<F> v = evaluate(b, dir_out, dir_in);
     const auto valid = v.pdf_solid_angle > F(0.0f);
@@ -95,7 +100,8 @@ inline BsdfSample<F> sample(const Plastic<F>& b, const Vec3<F>& dir_out, const B
     Vec3<F> weight = select(valid, v.value / pdf, Vec3<F>(F(0.0f)));
     const Mask<F> mirror = coat & Mask<F>(b.smooth);
     const auto above = dir_out.z > F(0.0f);
-    const Vec3<F> mirror_weight = b.specular * ((F(1.0f) - t_out) / max(p_coat, F(1e-20f)));
+    const Vec3<F> mirror_weight =
+        b.specular * ((F(1.0f) - t_out) / max(p_coat, F(1e-20f)));
     weight = select(mirror, select(above, mirror_weight, Vec3<F>(F(0.0f))), weight);
     return {dir_in, weight, v.pdf_solid_angle, F(1.0f), mirror};
 }

@@ -6,15 +6,16 @@
 
 namespace raykiln {
 
-/// Metallic-roughness material after glTF 2.0, appendix B, with KHR_materials_ior, _specular and
-/// _transmission (thin-walled: transmitted light keeps its direction but for the roughness).
+/// Metallic-roughness material after glTF 2.0, appendix B, with KHR_materials_ior,
+/// _specular and _transmission (thin-walled: transmitted light keeps its direction but
+/// for the roughness).
 template <class F>
 struct Principled {
     Vec3<F> base_color;
     Vec3<F> dielectric_f0;  ///< reflectance head-on of the dielectric part
     F dielectric_f90;       ///< its reflectance at grazing angles
     F metallic, transmission;
-    Microfacet<F> facet;    ///< GGX with alpha = roughness squared
+    Microfacet<F> facet;  ///< GGX with alpha = roughness squared
 };
 
 namespace detail {
@@ -27,7 +28,8 @@ struct PrincipledLobes {
 
 template <class F>
 inline PrincipledLobes<F> principled_lobes(const Principled<F>& b, F cos_out) {
-    const Vec3<F> f_d = fresnel_schlick(cos_out, b.dielectric_f0, Vec3<F>(b.dielectric_f90));
+    const Vec3<F> f_d =
+        fresnel_schlick(cos_out, b.dielectric_f0, Vec3<F>(b.dielectric_f90));
     const Vec3<F> f_m = fresnel_schlick(cos_out, b.base_color, Vec3<F>(F(1.0f)));
     const F entered = (F(1.0f) - b.metallic) * (F(1.0f) - max_component(f_d));
     const F color = max(luminance(b.base_color), F(1e-4f));
@@ -51,10 +53,12 @@ inline BsdfValue<F> evaluate(const Principled<F>& b, const Vec3<F>& dir_out,
     const F cosine = dot(dir_out, m);
     const F d = microfacet_d(b.facet, m);
     const F spread = d * ggx_visibility_correlated(b.facet, dir_out, upper) * upper.z;
-    const F pdf_facet = pdf_microfacet(b.facet, dir_out, m) / (F(4.0f) * max(cosine, F(1e-12f)));
+    const F pdf_facet =
+        pdf_microfacet(b.facet, dir_out, m) / (F(4.0f) * max(cosine, F(1e-12f)));
     const F pdf_cosine = pdf_cosine_hemisphere(upper.z);
 
-    const Vec3<F> f_d = fresnel_schlick(cosine, b.dielectric_f0, Vec3<F>(b.dielectric_f90));
+    const Vec3<F> f_d =
+        fresnel_schlick(cosine, b.dielectric_f0, Vec3<F>(b.dielectric_f90));
     const Vec3<F> f_m = fresnel_schlick(cosine, b.base_color, Vec3<F>(F(1.0f)));
     const Vec3<F> entered =
         b.base_color * ((F(1.0f) - b.metallic) * (F(1.0f) - max_component(f_d)));
@@ -84,8 +88,8 @@ inline BsdfSample<F> sample(const Principled<F>& b, const Vec3<F>& dir_out,
     const BsdfValue<F> v = evaluate(b, dir_out, dir_in);
     const auto valid = right_side & (v.pdf_solid_angle > F(0.0f));
     const F pdf = select(valid, v.pdf_solid_angle, F(1.0f));
-    return {dir_in, select(valid, v.value / pdf, Vec3<F>(F(0.0f))), v.pdf_solid_angle, F(1.0f),
-            Mask<F>(false)};
+    return {dir_in, select(valid, v.value / pdf, Vec3<F>(F(0.0f))), v.pdf_solid_angle,
+            F(1.0f), Mask<F>(false)};
 }
 
 }  // namespace raykiln

@@ -2,12 +2,14 @@
 
 #include "math/vec.h"
 
-// The form of every BSDF here. Directions are unit, in the shading frame (normal +z), and point
-// away from the surface: `dir_out` towards where the light goes (the camera side of a path),
-// `dir_in` towards where it comes from.
+// The form of every BSDF here. Directions are unit, in the shading frame (normal +z), and
+// point away from the surface: `dir_out` towards where the light goes (the camera side of
+// a path), `dir_in` towards where it comes from.
 //
-//   evaluate(bsdf, dir_out, dir_in) -> value = f(dir_out, dir_in) |cos dir_in|, and the density
-//                                      with which `sample` returns dir_in (0 for mirror lobes)
+//   evaluate(bsdf, dir_out, dir_in) -> value = f(dir_out, dir_in) |cos dir_in|, and the
+//   density
+//                                      with which `sample` returns dir_in (0 for mirror
+//                                      lobes)
 //   sample(bsdf, dir_out, u)        -> dir_in, weight = value / density
 //
 // `u.lobe` chooses between lobes; `u.x`, `u.y` place the direction.

@@ -13,7 +13,8 @@ Vec3f estimate_ao(const Context& c, const Ray& ray, FirstHit& first) {
     const Frame<float> frame =
         frame_of_normal(dot(s.normal, ray.direction) > 0.0f ? -s.normal : s.normal);
     const Sample4<float> u = c.draw(bsdf_group(1));
-    Ray probe = spawn_ray(s, normalize(frame.to_world(sample_cosine_hemisphere(u[0], u[1]))));
+    Ray probe =
+        spawn_ray(s, normalize(frame.to_world(sample_cosine_hemisphere(u[0], u[1]))));
     probe.t_far = c.settings.ao_distance;
     ++c.counts.shadow;
     const bool open = c.scene.has_opacity ? !trace(c, probe, bsdf_group(1)).valid()

@@ -8,6 +8,10 @@ namespace raykiln {
 
 enum class IntegratorKind : std::uint8_t { path, whitted, direct, ao };
 
+/// Which ways of finding a light an estimate joins; all have the same mean. `mis` is for
+/// use, the other two are for proof.
+enum class Strategy : std::uint8_t { mis, light_only, bsdf_only };
+
 /// Rays by kind, and samples that were not finite.
 struct RayCounts {
     std::uint64_t camera = 0, bounce = 0, shadow = 0, nonfinite = 0;
@@ -21,10 +25,12 @@ struct RayCounts {
     }
 };
 
-/// What an estimator reads. `max_depth` counts path segments; no limit = a very large number.
+/// What an estimator reads. `max_depth` counts path segments; no limit = a very large
+/// number.
 struct EstimatorSettings {
     IntegratorKind integrator = IntegratorKind::path;
     SamplerKind sampler = SamplerKind::sobol;
+    Strategy strategy = Strategy::mis;
     int max_depth = 8;
     int rr_depth = 5;
     float ao_distance = infinity;  ///< metres
@@ -60,11 +66,13 @@ struct FirstHit {
     bool valid = false;
 };
 
-/// Nearest surface along a ray that is there: surfaces of fractional opacity are passed at random.
+/// Nearest surface along a ray that is there: surfaces of fractional opacity are passed
+/// at random.
 Hit trace(const Context& c, Ray ray, std::uint32_t salt);
 
 /// Whether a light sample can be seen from a surface point.
-bool visible(const Context& c, const Surface& s, const LightSample& light, std::uint32_t salt);
+bool visible(const Context& c, const Surface& s, const LightSample& light,
+             std::uint32_t salt);
 
 /// Radiance along a camera ray.
 Vec3f estimate_path(const Context& c, const Ray& ray, FirstHit& first);
@@ -72,18 +80,18 @@ Vec3f estimate_whitted(const Context& c, const Ray& ray, FirstHit& first);
 Vec3f estimate_direct(const Context& c, const Ray& ray, FirstHit& first);
 Vec3f estimate_ao(const Context& c, const Ray& ray, FirstHit& first);
 
-/// Radiance from beyond the scene, with the weight that the sampling of each light leaves it.
-/// `pdf_bsdf` is the density of the direction; 0 takes all of it.
+/// Radiance from beyond the scene, with the weight that the sampling of each light leaves
+/// it. `pdf_bsdf` is the density of the direction; 0 takes all of it.
 Vec3f escaped_radiance(const Context& c, const Vec3f& direction, float pdf_bsdf);
 
 /// Emitted radiance at a surface met by a ray from `from`, weighted as above.
-Vec3f met_radiance(const Context& c, const Surface& s, const Vec3f& from, const Vec3f& direction,
-                   float pdf_bsdf);
+Vec3f met_radiance(const Context& c, const Surface& s, const Vec3f& from,
+                   const Vec3f& direction, float pdf_bsdf);
 
-/// Light from one sampled light, reflected into dir_out, weighted against the BSDF's own sampling
-/// (power heuristic) where that could find it and `with_mis` is set.
+/// Light from one sampled light, reflected into dir_out, weighted against the BSDF's own
+/// sampling.
 Vec3f sample_direct_light(const Context& c, const Surface& s, const Bsdf& bsdf,
-                          const Vec3f& dir_out_local, int vertex, bool with_mis);
+                          const Vec3f& dir_out_local, int vertex);
 
 FirstHit first_hit_of(const Surface& s, const Bsdf& bsdf);
 

@@ -20,17 +20,47 @@ Hit trace(const Context& c, Ray ray, std::uint32_t salt) {
     }
 }
 
-bool visible(const Context& c, const Surface& s, const LightSample& light, std::uint32_t salt) {
+bool visible(const Context& c, const Surface& s, const LightSample& light,
+             std::uint32_t salt) {
     ++c.counts.shadow;
     const Vec3f origin = offset_origin(s.p, s.normal, light.direction, s.error);
-    // To a point: the ray is that segment, so that its end cannot pass the light by rounding.
-    const Ray ray = light.infinite ? Ray{origin, light.direction}
-                                   : Ray{origin, light.point - origin, 0.0f, 1.0f - 1e-6f};
+    // To a point: the ray is that segment, so that its end cannot pass the light by
+    // rounding.
+    const Ray ray = light.infinite
+                        ? Ray{origin, light.direction}
+                        : Ray{origin, light.point - origin, 0.0f, 1.0f - 1e-6f};
     if (!c.scene.has_opacity) {
         return !c.accel.occluded(ray);
     }
     return !trace(c, ray, salt).valid();
 }
+
+namespace {
+
+/// Weight of light that the BSDF's sampling found, given the densities of both
+/// strategies.
+float weight_of_bsdf(const Context& c, float pdf_bsdf, float pdf_light) {
+    switch (c.settings.strategy) {
+        case Strategy::light_only:
+            return 0.0f;
+        case Strategy::bsdf_only:
+            return 1.0f;
+        case Strategy::mis:
+            break;
+    }
+    return mis_weight(pdf_bsdf, pdf_light);
+}
+
+float weight_of_light(const Context& c, const LightSample& light, float pdf_light,
+                      float pdf_bsdf) {
+    if (light.delta || c.settings.strategy == Strategy::light_only) {
+        return 1.0f;
+    }
+    return c.settings.strategy == Strategy::bsdf_only ? 0.0f
+                                                      : mis_weight(pdf_light, pdf_bsdf);
+}
+
+}  // namespace
 
 Vec3f escaped_radiance(const Context& c, const Vec3f& direction, float pdf_bsdf) {
     Vec3f sum;
@@ -40,16 +70,19 @@ Vec3f escaped_radiance(const Context& c, const Vec3f& direction, float pdf_bsdf)
             continue;
         }
         const Vec3f radiance = environment_radiance(*light, c.scene.textures, direction);
+        if (pdf_bsdf <= 0.0f) {
+            sum += radiance;
+            continue;
+        }
         const float pdf =
-            pdf_bsdf > 0.0f ? pdf_environment(*light, direction) * c.scene.light_choice.pmf(index)
-                            : 0.0f;
-        sum += radiance * (pdf_bsdf > 0.0f ? mis_weight(pdf_bsdf, pdf) : 1.0f);
+            pdf_environment(*light, direction) * c.scene.light_choice.pmf(index);
+        sum += radiance * weight_of_bsdf(c, pdf_bsdf, pdf);
     }
     return sum;
 }
 
-Vec3f met_radiance(const Context& c, const Surface& s, const Vec3f& from, const Vec3f& direction,
-                   float pdf_bsdf) {
+Vec3f met_radiance(const Context& c, const Surface& s, const Vec3f& from,
+                   const Vec3f& direction, float pdf_bsdf) {
     if (s.emission == no_index) {
         return Vec3f(0.0f);
     }
@@ -58,13 +91,14 @@ Vec3f met_radiance(const Context& c, const Surface& s, const Vec3f& from, const 
     if (pdf_bsdf <= 0.0f) {
         return radiance;
     }
-    const float pdf = pdf_light(c.scene.lights[s.light], from, direction, length(s.p - from)) *
-                      c.scene.light_choice.pmf(s.light);
-    return radiance * mis_weight(pdf_bsdf, pdf);
+    const float pdf =
+        pdf_light(c.scene.lights[s.light], from, direction, length(s.p - from)) *
+        c.scene.light_choice.pmf(s.light);
+    return radiance * weight_of_bsdf(c, pdf_bsdf, pdf);
 }
 
 Vec3f sample_direct_light(const Context& c, const Surface& s, const Bsdf& bsdf,
-                          const Vec3f& dir_out_local, int vertex, bool with_mis) {
+                          const Vec3f& dir_out_local, int vertex) {
     if (c.scene.lights.empty()) {
         return Vec3f(0.0f);
     }
@@ -73,8 +107,10 @@ Vec3f sample_direct_light(const Context& c, const Surface& s, const Bsdf& bsdf,
     float remapped;
     const std::uint32_t index = c.scene.light_choice.sample(u[0], remapped);
     const float pmf = c.scene.light_choice.pmf(index);
-    const LightSample light = sample_light(c.scene, c.scene.lights[index], s.p, u[1], u[2]);
-    if (pmf <= 0.0f || !(light.pdf_solid_angle > 0.0f) || max_component(light.radiance) <= 0.0f) {
+    const LightSample light =
+        sample_light(c.scene, c.scene.lights[index], s.p, u[1], u[2]);
+    if (pmf <= 0.0f || !(light.pdf_solid_angle > 0.0f) ||
+        max_component(light.radiance) <= 0.0f) {
         return Vec3f(0.0f);
     }
 
@@ -85,7 +121,7 @@ Vec3f sample_direct_light(const Context& c, const Surface& s, const Bsdf& bsdf,
         return Vec3f(0.0f);
     }
     const float pdf = light.pdf_solid_angle * pmf;
-    const float weight = with_mis && !light.delta ? mis_weight(pdf, f.pdf_solid_angle) : 1.0f;
+    const float weight = weight_of_light(c, light, pdf, f.pdf_solid_angle);
     return f.value * light.radiance * (weight / pdf);
 }
 

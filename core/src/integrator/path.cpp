@@ -2,13 +2,15 @@
 
 namespace raykiln {
 
-/// Unidirectional path tracing: next-event estimation and BSDF sampling at every vertex, joined by
-/// multiple importance sampling, with Russian roulette (Veach 1997, chapters 8 to 10).
+/// Unidirectional path tracing: next-event estimation and BSDF sampling at every vertex,
+/// joined by multiple importance sampling, with Russian roulette (Veach 1997, chapters 8
+/// to 10).
 Vec3f estimate_path(const Context& c, const Ray& camera_ray, FirstHit& first) {
     Vec3f radiance;
     Vec3f throughput(1.0f);
     float eta_scale = 1.0f;  // of the radiance, by the refractions so far
-    float pdf_bsdf = 0.0f;   // of the last direction; 0 if no light sample could have found it
+    float pdf_bsdf =
+        0.0f;  // of the last direction; 0 if no light sample could have found it
     Vec3f previous = camera_ray.origin;
     Ray ray = camera_ray;
 
@@ -31,7 +33,7 @@ Vec3f estimate_path(const Context& c, const Ray& camera_ray, FirstHit& first) {
         // Light that comes straight from a light, scattered here.
         const Vec3f dir_out = s.shading.to_local(-ray.direction);
         if (!is_specular(bsdf)) {
-            radiance += throughput * sample_direct_light(c, s, bsdf, dir_out, depth, true);
+            radiance += throughput * sample_direct_light(c, s, bsdf, dir_out, depth);
         }
 
         // Go on in a direction that the material chooses.

@@ -7,7 +7,9 @@ namespace raykiln {
 
 namespace {
 
-float max_abs(const Vec3f& v) { return max(std::fabs(v.x), max(std::fabs(v.y), std::fabs(v.z))); }
+float max_abs(const Vec3f& v) {
+    return max(std::fabs(v.x), max(std::fabs(v.y), std::fabs(v.z)));
+}
 
 /// Geometry at a hit, before shading: first in the group's space, then in the world's.
 struct Geometry {
@@ -27,8 +29,8 @@ Vec2f uv_at(const Mesh& mesh, const std::uint32_t* v, const Hit& hit) {
 }
 
 /// Derivatives of position over texture coordinates; 0 where the mapping is degenerate.
-void set_derivatives(Geometry& g, const Mesh& mesh, const std::uint32_t* v, const Vec3f& edge1,
-                     const Vec3f& edge2) {
+void set_derivatives(Geometry& g, const Mesh& mesh, const std::uint32_t* v,
+                     const Vec3f& edge1, const Vec3f& edge2) {
     if (mesh.uvs == nullptr) {
         return;
     }
@@ -44,7 +46,8 @@ void set_derivatives(Geometry& g, const Mesh& mesh, const std::uint32_t* v, cons
 
 Geometry triangle_geometry(const Mesh& mesh, const Hit& hit) {
     const std::uint32_t* v = mesh.indices + 3 * static_cast<std::size_t>(hit.primitive);
-    const Vec3f p0 = mesh.position(v[0]), p1 = mesh.position(v[1]), p2 = mesh.position(v[2]);
+    const Vec3f p0 = mesh.position(v[0]), p1 = mesh.position(v[1]),
+                p2 = mesh.position(v[2]);
     const float w = 1.0f - hit.u - hit.v;
     Geometry g;
     g.p = p0 * w + p1 * hit.u + p2 * hit.v;
@@ -72,9 +75,9 @@ Geometry sphere_geometry(const Sphere& sphere, const Hit& hit) {
     g.uv = {0.5f + atan2(n.x, n.z) * inv_two_pi, acos(n.y) * inv_pi};
     const float ring = safe_sqrt(n.x * n.x + n.z * n.z);
     g.dp_du = Vec3f{n.z, 0, -n.x} * (two_pi * sphere.radius);
-    g.dp_dv = ring > 0.0f
-                  ? Vec3f{n.y * n.x / ring, -ring, n.y * n.z / ring} * (pi * sphere.radius)
-                  : Vec3f{};
+    g.dp_dv = ring > 0.0f ? Vec3f{n.y * n.x / ring, -ring, n.y * n.z / ring} *
+                                (pi * sphere.radius)
+                          : Vec3f{};
     return g;
 }
 
@@ -94,9 +97,15 @@ struct ShapeOfHit {
     const Sphere* sphere = nullptr;
     const Instance* instance = nullptr;
 
-    std::uint32_t material() const { return mesh != nullptr ? mesh->material : sphere->material; }
-    std::uint32_t emission() const { return mesh != nullptr ? mesh->emission : sphere->emission; }
-    bool flip() const { return mesh != nullptr ? mesh->flip_normals : sphere->flip_normals; }
+    std::uint32_t material() const {
+        return mesh != nullptr ? mesh->material : sphere->material;
+    }
+    std::uint32_t emission() const {
+        return mesh != nullptr ? mesh->emission : sphere->emission;
+    }
+    bool flip() const {
+        return mesh != nullptr ? mesh->flip_normals : sphere->flip_normals;
+    }
 };
 
 ShapeOfHit shape_of(const Scene& scene, const Hit& hit) {
@@ -115,25 +124,29 @@ ShapeOfHit shape_of(const Scene& scene, const Hit& hit) {
 }
 
 std::uint32_t light_of(const Scene& scene, const Hit& hit) {
-    const auto& offsets = hit.instance == no_index ? scene.light_offset
-                                                   : scene.instance_light_offset[hit.instance];
+    const auto& offsets = hit.instance == no_index
+                              ? scene.light_offset
+                              : scene.instance_light_offset[hit.instance];
     const std::uint32_t first = offsets[hit.geometry];
     return first == no_index ? no_index : first + hit.primitive;
 }
 
-/// A normal map's perturbation of the shading frame. In the map x runs along u and y against v.
+/// A normal map's perturbation of the shading frame. In the map x runs along u and y
+/// against v.
 Frame<float> mapped_frame(const Scene& scene, const Material& m, const Geometry& g,
                           const Frame<float>& frame) {
-    const Vec3f rgb = lookup(scene.textures[static_cast<std::size_t>(m.normal_map)], g.uv).rgb;
+    const Vec3f rgb =
+        lookup(scene.textures[static_cast<std::size_t>(m.normal_map)], g.uv).rgb;
     const Vec3f local{(2.0f * rgb.x - 1.0f) * m.normal_scale,
                       (2.0f * rgb.y - 1.0f) * m.normal_scale, 2.0f * rgb.z - 1.0f};
     const Vec3f bitangent = dot(frame.t, g.dp_dv) > 0.0f ? -frame.t : frame.t;
-    const Vec3f n = frame.s * local.x + bitangent * local.y + frame.n * max(local.z, 1e-3f);
+    const Vec3f n =
+        frame.s * local.x + bitangent * local.y + frame.n * max(local.z, 1e-3f);
     return frame_of_normal_and_tangent(normalize(n), g.dp_du);
 }
 
-/// The side of a two-sided surface that `dir_out` sees: the frame is turned to it, and bent where
-/// the shading normal would look away from a viewer on that side.
+/// The side of a two-sided surface that `dir_out` sees: the frame is turned to it, and
+/// bent where the shading normal would look away from a viewer on that side.
 void face_viewer(Surface& s, const Vec3f& dir_out) {
     Frame<float>& f = s.shading;
     Vec3f n = dot(dir_out, s.normal) < 0.0f ? -f.n : f.n;
@@ -179,11 +192,12 @@ float opacity_at(const Scene& scene, const Hit& hit) {
     if (!material.has_opacity()) {
         return 1.0f;
     }
-    const Vec2f uv = shape.mesh != nullptr
-                         ? uv_at(*shape.mesh,
-                                 shape.mesh->indices + 3 * static_cast<std::size_t>(hit.primitive),
-                                 hit)
-                         : sphere_geometry(*shape.sphere, hit).uv;
+    const Vec2f uv =
+        shape.mesh != nullptr
+            ? uv_at(*shape.mesh,
+                    shape.mesh->indices + 3 * static_cast<std::size_t>(hit.primitive),
+                    hit)
+            : sphere_geometry(*shape.sphere, hit).uv;
     const float opacity = evaluate(material.opacity, scene.textures, uv);
     if (material.alpha_cutoff >= 0.0f) {
         return opacity >= material.alpha_cutoff ? 1.0f : 0.0f;

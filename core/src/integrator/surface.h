@@ -9,9 +9,10 @@ namespace raykiln {
 struct Surface {
     Vec3f p;
     Vec3f normal;          ///< geometric, unit, outside
-    Frame<float> shading;  ///< interpolated and mapped normal; flipped towards `dir_out` if two-sided
+    Frame<float> shading;  ///< interpolated and mapped normal; flipped towards `dir_out`
+                           ///< if two-sided
     Vec2f uv;
-    float error;           ///< how far to move a ray's origin off the surface
+    float error;  ///< how far to move a ray's origin off the surface
     const Material* material = nullptr;
     std::uint32_t emission = no_index;
     std::uint32_t light = no_index;  ///< index into Scene::lights if it emits

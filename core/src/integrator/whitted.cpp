@@ -13,7 +13,8 @@ struct Branch {
     int depth;
 };
 
-// The tree is walked depth first; each refraction leaves one branch behind for each level.
+// The tree is walked depth first; each refraction leaves one branch behind for each
+// level.
 constexpr int max_tree_depth = 64;
 // Without a limit on depth the tree still ends where a branch can no longer be seen.
 constexpr float least_weight = 1.0f / 1024.0f;
@@ -21,8 +22,8 @@ constexpr float least_weight = 1.0f / 1024.0f;
 constexpr std::uint32_t all_lights = 16;
 
 /// Shadow rays to the lights, one sample each.
-Vec3f direct_light(const Context& c, const Surface& s, const Bsdf& bsdf, const Vec3f& dir_out,
-                   std::uint32_t node) {
+Vec3f direct_light(const Context& c, const Surface& s, const Bsdf& bsdf,
+                   const Vec3f& dir_out, std::uint32_t node) {
     const auto count = static_cast<std::uint32_t>(c.scene.lights.size());
     const bool every = count <= all_lights;
     const std::uint32_t shadow_rays = every ? count : all_lights;
@@ -31,16 +32,22 @@ Vec3f direct_light(const Context& c, const Surface& s, const Bsdf& bsdf, const V
         const std::uint32_t group = 1u + node * all_lights + i;
         const Sample4<float> u = c.draw(group);
         float remapped;
-        const float stratum = (static_cast<float>(i) + u[0]) / static_cast<float>(shadow_rays);
+        const float stratum =
+            (static_cast<float>(i) + u[0]) / static_cast<float>(shadow_rays);
         const std::uint32_t index =
-            every ? i : c.scene.light_choice.sample(min(stratum, one_minus_epsilon), remapped);
+            every
+                ? i
+                : c.scene.light_choice.sample(min(stratum, one_minus_epsilon), remapped);
         const float expected =
-            every ? 1.0f : static_cast<float>(shadow_rays) * c.scene.light_choice.pmf(index);
-        const LightSample light = sample_light(c.scene, c.scene.lights[index], s.p, u[1], u[2]);
+            every ? 1.0f
+                  : static_cast<float>(shadow_rays) * c.scene.light_choice.pmf(index);
+        const LightSample light =
+            sample_light(c.scene, c.scene.lights[index], s.p, u[1], u[2]);
         if (!(light.pdf_solid_angle > 0.0f) || max_component(light.radiance) <= 0.0f) {
             continue;
         }
-        const BsdfValue<float> f = evaluate(bsdf, dir_out, s.shading.to_local(light.direction));
+        const BsdfValue<float> f =
+            evaluate(bsdf, dir_out, s.shading.to_local(light.direction));
         if (max_component(f.value) > 0.0f && visible(c, s, light, group)) {
             sum += f.value * light.radiance / (light.pdf_solid_angle * expected);
         }
@@ -69,11 +76,13 @@ Split split(const Bsdf& bsdf, const Vec3f& dir_out) {
         clear.smooth = true;
         float r = fresnel_dielectric(dir_out.z, d->eta).reflectance;
         if (d->thin) {
-            r = thin_reflectance(fresnel_dielectric(std::fabs(dir_out.z), d->eta).reflectance);
+            r = thin_reflectance(
+                fresnel_dielectric(std::fabs(dir_out.z), d->eta).reflectance);
         }
         s.add(sample(clear, dir_out, {-1.0f, 0, 0}), r);
         s.add(sample(clear, dir_out, {2.0f, 0, 0}), 1.0f - r);
-    } else if (const auto* m = std::get_if<Conductor<float>>(&bsdf); m != nullptr && m->smooth) {
+    } else if (const auto* m = std::get_if<Conductor<float>>(&bsdf);
+               m != nullptr && m->smooth) {
         s.add(sample(*m, dir_out, {0, 0, 0}), 1.0f);
     } else if (const auto* p = std::get_if<Plastic<float>>(&bsdf);
                p != nullptr && p->smooth && dir_out.z > 0.0f) {
@@ -85,9 +94,10 @@ Split split(const Bsdf& bsdf, const Vec3f& dir_out) {
 
 }  // namespace
 
-/// Whitted 1980, "An Improved Illumination Model for Shaded Display": at each surface, shadow rays
-/// to the lights, and the perfect reflection and refraction, weighted by Fresnel's equations. No
-/// light between diffuse surfaces; rough surfaces show the lights only.
+/// Whitted 1980, "An Improved Illumination Model for Shaded Display": at each surface,
+/// shadow rays to the lights, and the perfect reflection and refraction, weighted by
+/// Fresnel's equations. No light between diffuse surfaces; rough surfaces show the lights
+/// only.
 Vec3f estimate_whitted(const Context& c, const Ray& camera_ray, FirstHit& first) {
     std::array<Branch, max_tree_depth + 2> stack;
     int size = 0;
@@ -102,7 +112,8 @@ Vec3f estimate_whitted(const Context& c, const Ray& camera_ray, FirstHit& first)
             continue;
         }
         const Surface s = make_surface(c.scene, hit, branch.ray);
-        const Vec3f seen = met_radiance(c, s, branch.ray.origin, branch.ray.direction, 0.0f);
+        const Vec3f seen =
+            met_radiance(c, s, branch.ray.origin, branch.ray.direction, 0.0f);
         radiance += branch.weight * seen;
         const Bsdf bsdf = make_bsdf(*s.material, c.scene.textures, s.uv);
         if (node == 0) {
@@ -122,8 +133,8 @@ Vec3f estimate_whitted(const Context& c, const Ray& camera_ray, FirstHit& first)
             const Vec3f weight = branch.weight * b.weight;
             if (max_component(weight) >= least_weight) {
                 const Vec3f direction = normalize(s.shading.to_world(b.dir_in));
-                stack[static_cast<std::size_t>(size++)] = {spawn_ray(s, direction), weight,
-                                                           branch.depth + 1};
+                stack[static_cast<std::size_t>(size++)] = {spawn_ray(s, direction),
+                                                           weight, branch.depth + 1};
                 ++c.counts.bounce;
             }
         }

@@ -3,7 +3,8 @@
 #include "math/elementary.h"
 #include "scene/scene.h"
 
-// The mapping of raykiln.scene.EnvironmentLight: u = atan2(x, -z) / 2 pi, v = acos(y) / pi.
+// The mapping of raykiln.scene.EnvironmentLight: u = atan2(x, -z) / 2 pi, v = acos(y) /
+// pi.
 
 namespace raykiln {
 
@@ -25,8 +26,8 @@ inline Vec3<F> direction_of_uv(const Vec2<F>& uv) {
 void prepare_environment(EnvironmentLight& light, const std::vector<Texture>& textures);
 
 /// Radiance that arrives from `direction` (world space, away from the surface).
-Vec3f environment_radiance(const EnvironmentLight& light, const std::vector<Texture>& textures,
-                           const Vec3f& direction);
+Vec3f environment_radiance(const EnvironmentLight& light,
+                           const std::vector<Texture>& textures, const Vec3f& direction);
 /// Density over solid angle with which `sample_environment` returns `direction`.
 float pdf_environment(const EnvironmentLight& light, const Vec3f& direction);
 /// A direction in world space and its density over solid angle.

@@ -11,7 +11,9 @@ namespace {
 
 const LightSample no_sample{{0, 0, 1}, {}, false, {}, 0.0f, false};
 
-float max_abs(const Vec3f& v) { return max(std::fabs(v.x), max(std::fabs(v.y), std::fabs(v.z))); }
+float max_abs(const Vec3f& v) {
+    return max(std::fabs(v.x), max(std::fabs(v.y), std::fabs(v.z)));
+}
 
 LightSample towards_point(const Vec3f& p, const Vec3f& position, const Vec3f& intensity) {
     const Vec3f d = position - p;
@@ -70,17 +72,21 @@ struct Sample {
             return no_sample;
         }
         const Vec3f radiance = emitted_radiance(scene, light.emission, uv, cosine > 0.0f);
-        const float size = max_abs(light.p0) + max_abs(light.edge1) + max_abs(light.edge2);
-        return {direction, offset_origin(point, light.normal, -direction, position_error(size)),
-                false, radiance,
-                pdf_solid_angle_of_area(1.0f / light.area, distance2, std::fabs(cosine)), false};
+        const float size =
+            max_abs(light.p0) + max_abs(light.edge1) + max_abs(light.edge2);
+        return {direction,
+                offset_origin(point, light.normal, -direction, position_error(size)),
+                false,
+                radiance,
+                pdf_solid_angle_of_area(1.0f / light.area, distance2, std::fabs(cosine)),
+                false};
     }
 
     LightSample operator()(const SphereLight& light) const;
 };
 
-/// Uniform within the cone that the sphere fills, seen from outside (Shirley et al. 1996);
-/// uniform over its area, seen from within.
+/// Uniform within the cone that the sphere fills, seen from outside (Shirley et al.
+/// 1996); uniform over its area, seen from within.
 LightSample Sample::operator()(const SphereLight& light) const {
     const Vec3f to_center = light.center - p;
     const float distance2 = length_squared(to_center);
@@ -97,9 +103,13 @@ LightSample Sample::operator()(const SphereLight& light) const {
             return no_sample;
         }
         const float pdf_area = 0.25f * inv_pi / radius2;
-        return {direction, offset_origin(point, n, -direction, error), false,
-                emitted_radiance(scene, light.emission, {}, (cosine > 0.0f) != light.inward),
-                pdf_solid_angle_of_area(pdf_area, d2, std::fabs(cosine)), false};
+        return {
+            direction,
+            offset_origin(point, n, -direction, error),
+            false,
+            emitted_radiance(scene, light.emission, {}, (cosine > 0.0f) != light.inward),
+            pdf_solid_angle_of_area(pdf_area, d2, std::fabs(cosine)),
+            false};
     }
     const float sin2 = radius2 / distance2;
     const float one_minus_cos = sin2 / (1.0f + safe_sqrt(1.0f - sin2));
@@ -109,8 +119,11 @@ LightSample Sample::operator()(const SphereLight& light) const {
     const float half_chord = safe_sqrt(radius2 - (distance2 - along * along));
     const Vec3f n = normalize(direction * (along - half_chord) - to_center);
     const Vec3f point = light.center + n * light.radius;
-    return {direction, offset_origin(point, n, -direction, error), false,
-            emitted_radiance(scene, light.emission, {}, !light.inward), pdf_cone(one_minus_cos),
+    return {direction,
+            offset_origin(point, n, -direction, error),
+            false,
+            emitted_radiance(scene, light.emission, {}, !light.inward),
+            pdf_cone(one_minus_cos),
             false};
 }
 
@@ -122,9 +135,12 @@ struct Power {
         const float sides = e.two_sided ? 2.0f : 1.0f;
         return luminance(average(e.radiance, scene.textures)) * area * pi * sides;
     }
-    float operator()(const PointLight& l) const { return 4.0f * pi * luminance(l.intensity); }
+    float operator()(const PointLight& l) const {
+        return 4.0f * pi * luminance(l.intensity);
+    }
     float operator()(const SpotLight& l) const {
-        return two_pi * (1.0f - 0.5f * (l.cos_inner + l.cos_outer)) * luminance(l.intensity);
+        return two_pi * (1.0f - 0.5f * (l.cos_inner + l.cos_outer)) *
+               luminance(l.intensity);
     }
     float operator()(const DirectionalLight& l) const { return luminance(l.irradiance); }
     float operator()(const EnvironmentLight& l) const { return l.power; }
@@ -139,8 +155,10 @@ bool is_infinite(const Light& light) {
            std::holds_alternative<EnvironmentLight>(light);
 }
 
-/// A third vertex order where the map from the group mirrors, so that the normal stays outside.
-void add_triangle_lights(Scene& scene, const Mesh& mesh, const Transform& world_from_group) {
+/// A third vertex order where the map from the group mirrors, so that the normal stays
+/// outside.
+void add_triangle_lights(Scene& scene, const Mesh& mesh,
+                         const Transform& world_from_group) {
     const bool flip = mesh.flip_normals != (world_from_group.determinant() < 0.0f);
     for (std::uint32_t t = 0; t < mesh.triangle_count; ++t) {
         const std::uint32_t* v = mesh.indices + 3 * static_cast<std::size_t>(t);
@@ -184,11 +202,12 @@ std::vector<std::uint32_t> add_surface_lights(Scene& scene, const Group& group,
         const auto first = static_cast<std::uint32_t>(scene.lights.size());
         offsets.push_back(sphere.emission == no_index ? no_index : first);
         if (sphere.emission != no_index) {
-            // Emissive spheres are only placed by similarities (raykiln/compile.py sees to it).
+            // Emissive spheres are only placed by similarities (raykiln/compile.py sees
+            // to it).
             const float scale = std::cbrt(std::fabs(world_from_group.determinant()));
             scene.lights.emplace_back(SphereLight{world_from_group.point(sphere.center),
-                                                  sphere.radius * scale, sphere.flip_normals,
-                                                  sphere.emission});
+                                                  sphere.radius * scale,
+                                                  sphere.flip_normals, sphere.emission});
         }
     }
     return offsets;
@@ -201,11 +220,13 @@ LightSample sample_light(const Scene& scene, const Light& light, const Vec3f& p,
     return std::visit(Sample{scene, p, u, v}, light);
 }
 
-float pdf_light(const Light& light, const Vec3f& p, const Vec3f& direction, float distance) {
+float pdf_light(const Light& light, const Vec3f& p, const Vec3f& direction,
+                float distance) {
     if (const auto* t = std::get_if<TriangleLight>(&light)) {
         const float cosine = std::fabs(dot(direction, t->normal));
-        return cosine > 0.0f ? pdf_solid_angle_of_area(1.0f / t->area, sqr(distance), cosine)
-                             : 0.0f;
+        return cosine > 0.0f
+                   ? pdf_solid_angle_of_area(1.0f / t->area, sqr(distance), cosine)
+                   : 0.0f;
     }
     if (const auto* s = std::get_if<SphereLight>(&light)) {
         const float distance2 = length_squared(s->center - p);
@@ -239,11 +260,11 @@ void prepare_lights(Scene& scene) {
     }
     scene.light_offset = add_surface_lights(scene, scene.groups[0], Transform{});
     for (const Instance& instance : scene.instances) {
-        scene.instance_light_offset.push_back(
-            add_surface_lights(scene, scene.groups[instance.group], instance.world_from_group));
+        scene.instance_light_offset.push_back(add_surface_lights(
+            scene, scene.groups[instance.group], instance.world_from_group));
     }
-    // Power compares lights within the scene with each other, and those beyond it with each
-    // other; between the two kinds the choice is even.
+    // Power compares lights within the scene with each other, and those beyond it with
+    // each other; between the two kinds the choice is even.
     std::vector<float> weights(scene.lights.size());
     double near_sum = 0, far_sum = 0;
     for (std::size_t i = 0; i < weights.size(); ++i) {

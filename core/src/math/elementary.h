@@ -2,8 +2,9 @@
 
 #include "math/number.h"
 
-// Elementary functions from plain arithmetic: the same bits with every C library, and the same
-// source at every SIMD width. Series are cut where the next term is below float precision.
+// Elementary functions from plain arithmetic: the same bits with every C library, and the
+// same source at every SIMD width. Series are cut where the next term is below float
+// precision.
 
 namespace raykiln {
 
@@ -14,9 +15,10 @@ inline void sin_cos_turns(F x, F& sine, F& cosine) {
     const F quarter = round_half_up(x * F(4.0f));
     const F r = (x * F(4.0f) - quarter) * F(0.5f * pi);
     const F r2 = r * r;
-    const F s = r + r * r2 *
-                        (F(-1.0f / 6) +
-                         r2 * (F(1.0f / 120) + r2 * (F(-1.0f / 5040) + r2 * F(1.0f / 362880))));
+    const F s =
+        r + r * r2 *
+                (F(-1.0f / 6) +
+                 r2 * (F(1.0f / 120) + r2 * (F(-1.0f / 5040) + r2 * F(1.0f / 362880))));
     const F c = F(1.0f) +
                 r2 * (F(-0.5f) +
                       r2 * (F(1.0f / 24) + r2 * (F(-1.0f / 720) + r2 * F(1.0f / 40320))));
@@ -72,7 +74,8 @@ inline F log(F x) {
     const F m = split_exponent(x, exponent);
     const F s = (m - F(1.0f)) / (m + F(1.0f));
     const F s2 = s * s;
-    const F tail = s2 * (F(1.0f / 3) + s2 * (F(1.0f / 5) + s2 * (F(1.0f / 7) + s2 * F(1.0f / 9))));
+    const F tail =
+        s2 * (F(1.0f / 3) + s2 * (F(1.0f / 5) + s2 * (F(1.0f / 7) + s2 * F(1.0f / 9))));
     return exponent * F(0.693147180559945f) + F(2.0f) * (s + s * tail);
 }
 

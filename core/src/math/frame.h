@@ -24,14 +24,16 @@ inline Frame<F> frame_of_normal(const Vec3<F>& n) {
             n};
 }
 
-/// Frame about a unit normal whose s follows `tangent` (dp/du); any frame if that is degenerate.
+/// Frame about a unit normal whose s follows `tangent` (dp/du); any frame if that is
+/// degenerate.
 template <class F>
 inline Frame<F> frame_of_normal_and_tangent(const Vec3<F>& n, const Vec3<F>& tangent) {
     const Vec3<F> s = tangent - n * dot(n, tangent);
     const F len2 = length_squared(s);
     const auto usable = len2 > F(1e-12f) * length_squared(tangent);
     const Frame<F> any_frame = frame_of_normal(n);
-    const Vec3<F> unit = select(usable, s / sqrt(select(usable, len2, F(1.0f))), any_frame.s);
+    const Vec3<F> unit =
+        select(usable, s / sqrt(select(usable, len2, F(1.0f))), any_frame.s);
     return {unit, cross(n, unit), n};
 }
 

@@ -5,9 +5,9 @@
 #include <cstdint>
 #include <limits>
 
-// The numbers that shading is written over. Samplers, BSDFs and lights are templates over a
-// number type F and decide with `select` on a `Mask<F>` instead of branches. Width 1 (F = float,
-// Mask = bool) is the reference; a SIMD type joins by giving the same functions.
+// The numbers that shading is written over. Samplers, BSDFs and lights are templates over
+// a number type F and decide with `select` on a `Mask<F>` instead of branches. Width 1 (F
+// = float, Mask = bool) is the reference; a SIMD type joins by giving the same functions.
 
 namespace raykiln {
 
@@ -26,16 +26,34 @@ template <class F>
 using Uint = typename NumberTraits<F>::Uint;
 
 /// a where the mask is set, else b.
-inline float select(bool mask, float a, float b) { return mask ? a : b; }
-inline bool any(bool mask) { return mask; }
-inline bool all(bool mask) { return mask; }
+inline float select(bool mask, float a, float b) {
+    return mask ? a : b;
+}
+inline bool any(bool mask) {
+    return mask;
+}
+inline bool all(bool mask) {
+    return mask;
+}
 
-inline float abs(float x) { return std::fabs(x); }
-inline float sqrt(float x) { return std::sqrt(x); }
-inline float floor(float x) { return std::floor(x); }
-inline float min(float a, float b) { return a < b ? a : b; }
-inline float max(float a, float b) { return a > b ? a : b; }
-inline float copysign(float magnitude, float sign) { return std::copysign(magnitude, sign); }
+inline float abs(float x) {
+    return std::fabs(x);
+}
+inline float sqrt(float x) {
+    return std::sqrt(x);
+}
+inline float floor(float x) {
+    return std::floor(x);
+}
+inline float min(float a, float b) {
+    return a < b ? a : b;
+}
+inline float max(float a, float b) {
+    return a > b ? a : b;
+}
+inline float copysign(float magnitude, float sign) {
+    return std::copysign(magnitude, sign);
+}
 
 /// Nearest integer, halves away from zero towards +infinity.
 template <class F>
@@ -60,7 +78,8 @@ inline F lerp(F a, F b, F t) {
     return a + (b - a) * t;
 }
 
-/// x = mantissa * 2^exponent with the mantissa in [sqrt(1/2), sqrt(2)); x positive and normal.
+/// x = mantissa * 2^exponent with the mantissa in [sqrt(1/2), sqrt(2)); x positive and
+/// normal.
 inline float split_exponent(float x, float& exponent) {
     constexpr std::uint32_t offset = 0x3f3504f3u;  // bits of sqrt(1/2)
     const std::uint32_t bits = std::bit_cast<std::uint32_t>(x) - offset;
@@ -71,7 +90,8 @@ inline float split_exponent(float x, float& exponent) {
 }
 /// 2^n for an integral n in [-126, 127].
 inline float exp2_integral(float n) {
-    return std::bit_cast<float>(static_cast<std::uint32_t>(static_cast<int>(n) + 127) << 23);
+    return std::bit_cast<float>(static_cast<std::uint32_t>(static_cast<int>(n) + 127)
+                                << 23);
 }
 /// The 32 bits as a number in [0, 1): the upper 24 of them.
 inline float unit_from_bits(std::uint32_t bits) {

@@ -11,9 +11,12 @@ struct Ray {
     float t_far = infinity;
 };
 
-/// How far the computed position of a point on a surface may be from the surface, with a wide
-/// margin (64 ulp), where no coordinate that it was interpolated from exceeds `magnitude`.
-inline float position_error(float magnitude) { return magnitude * 0x1p-18f; }
+/// How far the computed position of a point on a surface may be from the surface, with a
+/// wide margin (64 ulp), where no coordinate that it was interpolated from exceeds
+/// `magnitude`.
+inline float position_error(float magnitude) {
+    return magnitude * 0x1p-18f;
+}
 
 /// A point moved off its surface by `distance` along the geometric normal, to the side of
 /// `direction`, so that a ray from it cannot hit the surface that it lies on.

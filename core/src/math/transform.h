@@ -12,7 +12,8 @@ struct Transform {
 
     Vec3f point(const Vec3f& p) const { return vector(p) + origin; }
     Vec3f vector(const Vec3f& v) const { return x * v.x + y * v.y + z * v.z; }
-    /// A direction of the surface normal: the inverse transpose, up to its positive scale.
+    /// A direction of the surface normal: the inverse transpose, up to its positive
+    /// scale.
     Vec3f normal(const Vec3f& n) const {
         const Vec3f cofactors = cross(y, z) * n.x + cross(z, x) * n.y + cross(x, y) * n.z;
         return determinant() < 0 ? -cofactors : cofactors;
@@ -31,7 +32,8 @@ inline Transform inverse_linear(const Transform& m) {
 
 /// From the first three rows of a row-major 4 x 4 matrix that acts on column vectors.
 inline Transform transform_of_rows(const float* m) {
-    return {{m[0], m[4], m[8]}, {m[1], m[5], m[9]}, {m[2], m[6], m[10]}, {m[3], m[7], m[11]}};
+    return {
+        {m[0], m[4], m[8]}, {m[1], m[5], m[9]}, {m[2], m[6], m[10]}, {m[3], m[7], m[11]}};
 }
 
 }  // namespace raykiln

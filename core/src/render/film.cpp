@@ -15,8 +15,11 @@ void add3(std::vector<float>& plane, std::size_t pixel, const Vec3f& v) {
 }  // namespace
 
 Film::Film(int width, int height, FilmLayers layers) :
-    width_(width), height_(height), layers_(layers) {
-    const std::size_t n = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
+    width_(width),
+    height_(height),
+    layers_(layers) {
+    const std::size_t n =
+        static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
     radiance_.resize(3 * n);
     luminance_squared_.resize(n);
     counts_.resize(n);

@@ -20,8 +20,9 @@ struct PixelSums {
     float depth = 0.0f, depth_weight = 0.0f;
 };
 
-/// Sums over samples, a pixel each. A pixel's samples are summed by fixed runs (see `next_pass`),
-/// and the runs in order, so that the bits do not depend on how a render was cut up.
+/// Sums over samples, a pixel each. A pixel's samples are summed by fixed runs (see
+/// `next_pass`), and the runs in order, so that the bits do not depend on how a render
+/// was cut up.
 class Film {
   public:
     Film(int width, int height, FilmLayers layers);
@@ -51,7 +52,8 @@ class Film {
 
     int width_, height_;
     FilmLayers layers_;
-    std::vector<float> radiance_, luminance_squared_, albedo_, normal_, depth_, depth_weight_;
+    std::vector<float> radiance_, luminance_squared_, albedo_, normal_, depth_,
+        depth_weight_;
     std::vector<std::uint32_t> counts_;
 };
 

@@ -13,26 +13,32 @@ namespace {
 double shape(FilterKind kind, double x) {
     constexpr double tau = 6.283185307179586;
     switch (kind) {
-    case FilterKind::box: return 1.0;
-    case FilterKind::tent: return 1.0 - std::fabs(x);
-    case FilterKind::gaussian:
-        // Standard deviation 1/2 pixel, cut at 2 pixels and lowered to meet 0 there.
-        return std::exp(-8.0 * x * x) - std::exp(-8.0);
-    case FilterKind::blackman_harris: {
-        const double p = 0.5 * (x + 1.0);
-        return 0.35875 - 0.48829 * std::cos(tau * p) + 0.14128 * std::cos(2 * tau * p) -
-               0.01168 * std::cos(3 * tau * p);
-    }
+        case FilterKind::box:
+            return 1.0;
+        case FilterKind::tent:
+            return 1.0 - std::fabs(x);
+        case FilterKind::gaussian:
+            // Standard deviation 1/2 pixel, cut at 2 pixels and lowered to meet 0 there.
+            return std::exp(-8.0 * x * x) - std::exp(-8.0);
+        case FilterKind::blackman_harris: {
+            const double p = 0.5 * (x + 1.0);
+            return 0.35875 - 0.48829 * std::cos(tau * p) +
+                   0.14128 * std::cos(2 * tau * p) - 0.01168 * std::cos(3 * tau * p);
+        }
     }
     return 0.0;
 }
 
 float radius_of(FilterKind kind) {
     switch (kind) {
-    case FilterKind::box: return 0.5f;
-    case FilterKind::tent: return 1.0f;
-    case FilterKind::gaussian: return 2.0f;
-    case FilterKind::blackman_harris: return 1.5f;
+        case FilterKind::box:
+            return 0.5f;
+        case FilterKind::tent:
+            return 1.0f;
+        case FilterKind::gaussian:
+            return 2.0f;
+        case FilterKind::blackman_harris:
+            return 1.5f;
     }
     return 0.5f;
 }
@@ -57,7 +63,8 @@ Filter::Filter(FilterKind kind) : kind_(kind), radius_(radius_of(kind)) {
     inverse_cdf_[0] = -radius_;
     for (int i = 0; i < n && next < segments; ++i) {
         const double step = shape(kind, 2.0 * (i + 0.5) / n - 1.0) * 2.0 / n / total;
-        while (next < segments && running + step >= static_cast<double>(next) / segments) {
+        while (next < segments &&
+               running + step >= static_cast<double>(next) / segments) {
             const double within = (static_cast<double>(next) / segments - running) / step;
             inverse_cdf_[static_cast<std::size_t>(next++)] =
                 static_cast<float>((2.0 * (i + within) / n - 1.0) * radius_);
@@ -69,9 +76,12 @@ Filter::Filter(FilterKind kind) : kind_(kind), radius_(radius_of(kind)) {
 
 float Filter::offset(float u) const {
     switch (kind_) {
-    case FilterKind::box: return u - 0.5f;
-    case FilterKind::tent: return sample_tent(u, radius_);
-    default: break;
+        case FilterKind::box:
+            return u - 0.5f;
+        case FilterKind::tent:
+            return sample_tent(u, radius_);
+        default:
+            break;
     }
     const float x = u * segments;
     const int i = std::min(static_cast<int>(x), segments - 1);
@@ -83,7 +93,8 @@ float Filter::density(float offset) const {
     if (std::fabs(offset) > radius_) {
         return 0.0f;
     }
-    return static_cast<float>(shape(kind_, offset / radius_) / (integral(kind_) * radius_));
+    return static_cast<float>(shape(kind_, offset / radius_) /
+                              (integral(kind_) * radius_));
 }
 
 }  // namespace raykiln

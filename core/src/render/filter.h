@@ -8,8 +8,8 @@ namespace raykiln {
 
 enum class FilterKind : std::uint8_t { box, tent, gaussian, blackman_harris };
 
-/// A separable pixel filter, sampled by importance (Ernst et al. 2006): a sample is moved by an
-/// offset drawn from the filter and then counts fully, for its own pixel only.
+/// A separable pixel filter, sampled by importance (Ernst et al. 2006): a sample is moved
+/// by an offset drawn from the filter and then counts fully, for its own pixel only.
 class Filter {
   public:
     explicit Filter(FilterKind kind);

@@ -25,8 +25,13 @@ constexpr std::chrono::milliseconds poll_interval{20};
 
 Renderer::Renderer(const Scene& scene, const Accel& accel, const Camera& camera,
                    const RenderOptions& options) :
-    scene_(scene), accel_(accel), camera_(camera), options_(options), filter_(options.filter),
-    film_(options.crop_x1 - options.crop_x0, options.crop_y1 - options.crop_y0, options.layers),
+    scene_(scene),
+    accel_(accel),
+    camera_(camera),
+    options_(options),
+    filter_(options.filter),
+    film_(options.crop_x1 - options.crop_x0, options.crop_y1 - options.crop_y0,
+          options.layers),
     threads_(options.threads > 0 ? options.threads : tbb::info::default_concurrency()) {
     for (int y = 0; y < film_.height(); y += tile_size) {
         for (int x = 0; x < film_.width(); x += tile_size) {
@@ -58,7 +63,8 @@ bool Renderer::run_pass(const Poll& poll) {
     // More threads than cores are allowed if they are asked for.
     const tbb::global_control limit(
         tbb::global_control::max_allowed_parallelism,
-        static_cast<std::size_t>(std::max(threads_, tbb::info::default_concurrency())) + 1);
+        static_cast<std::size_t>(std::max(threads_, tbb::info::default_concurrency())) +
+            1);
     // One slot more than threads: the caller polls and does not render.
     tbb::task_arena arena(threads_, 0);
     std::promise<void> done;
@@ -104,7 +110,8 @@ bool Renderer::run_pass(const Poll& poll) {
 void Renderer::render_tile(const Tile& tile, std::uint32_t end, RayCounts& counts) {
     std::uint64_t samples = 0;
     for (int y = tile.y0; y < tile.y1 && !stop_.load(std::memory_order_relaxed); ++y) {
-        for (int x = tile.x0; x < tile.x1 && !stop_.load(std::memory_order_relaxed); ++x) {
+        for (int x = tile.x0; x < tile.x1 && !stop_.load(std::memory_order_relaxed);
+             ++x) {
             samples += end - std::min(end, film_.count(x, y));
             render_pixel(x, y, end, counts);
         }
@@ -120,8 +127,8 @@ void Renderer::render_pixel(int x, int y, std::uint32_t end, RayCounts& counts) 
     PixelSums sums;
     for (std::uint32_t index = begin; index < end; ++index) {
         FirstHit first;
-        const Vec3f radiance = render_sample(x + options_.crop_x0, y + options_.crop_y0, index,
-                                             counts, first);
+        const Vec3f radiance = render_sample(x + options_.crop_x0, y + options_.crop_y0,
+                                             index, counts, first);
         if (!is_finite(radiance)) {
             ++counts.nonfinite;
         } else {
@@ -151,10 +158,18 @@ Vec3f Renderer::render_sample(int x, int y, std::uint32_t index, RayCounts& coun
     ++counts.camera;
     Vec3f radiance;
     switch (options_.estimator.integrator) {
-    case IntegratorKind::path: radiance = estimate_path(c, ray, first); break;
-    case IntegratorKind::whitted: radiance = estimate_whitted(c, ray, first); break;
-    case IntegratorKind::direct: radiance = estimate_direct(c, ray, first); break;
-    case IntegratorKind::ao: radiance = estimate_ao(c, ray, first); break;
+        case IntegratorKind::path:
+            radiance = estimate_path(c, ray, first);
+            break;
+        case IntegratorKind::whitted:
+            radiance = estimate_whitted(c, ray, first);
+            break;
+        case IntegratorKind::direct:
+            radiance = estimate_direct(c, ray, first);
+            break;
+        case IntegratorKind::ao:
+            radiance = estimate_ao(c, ray, first);
+            break;
     }
     if (first.valid) {
         first.depth = view_depth(camera_, first.point);

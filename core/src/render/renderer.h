@@ -8,11 +8,10 @@
 #include "render/film.h"
 #include "render/filter.h"
 
-
 namespace raykiln {
 
 struct RenderOptions {
-    int width = 512, height = 512;                       ///< of the whole image
+    int width = 512, height = 512;                               ///< of the whole image
     int crop_x0 = 0, crop_y0 = 0, crop_x1 = 512, crop_y1 = 512;  ///< the part to render
     std::uint32_t spp = 64;
     std::uint32_t seed = 0;
@@ -22,8 +21,8 @@ struct RenderOptions {
     EstimatorSettings estimator;
 };
 
-/// Renders a scene pass by pass. The film's pixels are whole at any time between calls of `run`:
-/// each has the samples that its count says.
+/// Renders a scene pass by pass. The film's pixels are whole at any time between calls of
+/// `run`: each has the samples that its count says.
 class Renderer {
   public:
     /// The scene and its hierarchy must outlive the renderer.
@@ -31,8 +30,8 @@ class Renderer {
              const RenderOptions& options);
     ~Renderer();
 
-    /// Called about every 20 ms from the thread that called `run`, with the samples done so far;
-    /// returning false stops the run within the time of one pixel.
+    /// Called about every 20 ms from the thread that called `run`, with the samples done
+    /// so far; returning false stops the run within the time of one pixel.
     using Poll = std::function<bool(std::uint64_t samples_done)>;
 
     /// Goes on until the pass under way is finished. Returns false if `poll` stopped it.
@@ -42,7 +41,8 @@ class Renderer {
     std::uint32_t samples_done() const { return samples_done_; }
     bool finished() const { return samples_done_ >= options_.spp; }
     Film& film() { return film_; }
-    /// Continues from the counts in the film, after its planes were filled from a checkpoint.
+    /// Continues from the counts in the film, after its planes were filled from a
+    /// checkpoint.
     void resume();
     const RayCounts& counts() const { return counts_; }
     int threads() const { return threads_; }
@@ -53,7 +53,8 @@ class Renderer {
     };
     void render_tile(const Tile& tile, std::uint32_t end, RayCounts& counts);
     void render_pixel(int x, int y, std::uint32_t end, RayCounts& counts);
-    Vec3f render_sample(int x, int y, std::uint32_t index, RayCounts& counts, FirstHit& first);
+    Vec3f render_sample(int x, int y, std::uint32_t index, RayCounts& counts,
+                        FirstHit& first);
 
     const Scene& scene_;
     const Accel& accel_;

@@ -60,9 +60,12 @@ int find_cell(const float* cdf, int n, float u, float& within) {
 }  // namespace
 
 Distribution2D::Distribution2D(const std::vector<float>& weights, int width, int height) :
-    width_(width), height_(height), density_(weights.size()),
+    width_(width),
+    height_(height),
+    density_(weights.size()),
     row_cdf_(static_cast<std::size_t>(height) + 1),
-    column_cdf_((static_cast<std::size_t>(width) + 1) * static_cast<std::size_t>(height)) {
+    column_cdf_((static_cast<std::size_t>(width) + 1) *
+                static_cast<std::size_t>(height)) {
     std::vector<float> row_sums(static_cast<std::size_t>(height));
     for (int y = 0; y < height; ++y) {
         const auto row = static_cast<std::size_t>(y);
@@ -78,8 +81,8 @@ Distribution2D::Distribution2D(const std::vector<float>& weights, int width, int
         const float p_row = row_cdf_[row + 1] - row_cdf_[row];
         const float* cdf = &column_cdf_[row * (static_cast<std::size_t>(width) + 1)];
         for (int x = 0; x < width; ++x) {
-            density_[row * static_cast<std::size_t>(width) + static_cast<std::size_t>(x)] =
-                p_row * (cdf[x + 1] - cdf[x]) * cells;
+            density_[row * static_cast<std::size_t>(width) +
+                     static_cast<std::size_t>(x)] = p_row * (cdf[x + 1] - cdf[x]) * cells;
         }
     }
 }
@@ -88,16 +91,18 @@ Vec2f Distribution2D::sample(float u, float v, float& pdf) const {
     float fx, fy;
     const int y = find_cell(row_cdf_.data(), height_, v, fy);
     const auto row = static_cast<std::size_t>(y);
-    const int x = find_cell(&column_cdf_[row * (static_cast<std::size_t>(width_) + 1)], width_,
-                            u, fx);
+    const int x = find_cell(&column_cdf_[row * (static_cast<std::size_t>(width_) + 1)],
+                            width_, u, fx);
     pdf = density_[row * static_cast<std::size_t>(width_) + static_cast<std::size_t>(x)];
     return {(static_cast<float>(x) + fx) / static_cast<float>(width_),
             (static_cast<float>(y) + fy) / static_cast<float>(height_)};
 }
 
 float Distribution2D::pdf(Vec2f p) const {
-    const int x = std::clamp(static_cast<int>(p.x * static_cast<float>(width_)), 0, width_ - 1);
-    const int y = std::clamp(static_cast<int>(p.y * static_cast<float>(height_)), 0, height_ - 1);
+    const int x =
+        std::clamp(static_cast<int>(p.x * static_cast<float>(width_)), 0, width_ - 1);
+    const int y =
+        std::clamp(static_cast<int>(p.y * static_cast<float>(height_)), 0, height_ - 1);
     return density_[static_cast<std::size_t>(y) * static_cast<std::size_t>(width_) +
                     static_cast<std::size_t>(x)];
 }

@@ -15,7 +15,8 @@ class AliasTable {
     /// Probabilities proportional to `weights`; uniform if they are all 0.
     explicit AliasTable(const std::vector<float>& weights);
 
-    /// An index drawn with a number in [0, 1); `remapped` is a fresh uniform number from the rest.
+    /// An index drawn with a number in [0, 1); `remapped` is a fresh uniform number from
+    /// the rest.
     std::uint32_t sample(float u, float& remapped) const {
         const float scaled = u * static_cast<float>(cells_.size());
         const auto cell = std::min(static_cast<std::uint32_t>(scaled),
@@ -23,7 +24,8 @@ class AliasTable {
         const float rest = std::min(scaled - static_cast<float>(cell), one_minus_epsilon);
         const Cell& c = cells_[cell];
         const bool keep = rest < c.threshold;
-        remapped = keep ? rest / c.threshold : (rest - c.threshold) / (1.0f - c.threshold);
+        remapped =
+            keep ? rest / c.threshold : (rest - c.threshold) / (1.0f - c.threshold);
         remapped = std::min(remapped, one_minus_epsilon);
         return keep ? cell : c.alias;
     }

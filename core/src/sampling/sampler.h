@@ -9,7 +9,8 @@ namespace raykiln {
 
 enum class SamplerKind : std::uint8_t { sobol, independent };
 
-/// Names one sample: everything drawn for it is a pure function of this and a group number.
+/// Names one sample: everything drawn for it is a pure function of this and a group
+/// number.
 template <class F>
 struct SampleKey {
     Uint<F> pixel;  ///< hash of seed and pixel
@@ -25,7 +26,8 @@ inline SampleKey<float> sample_key(std::uint32_t seed, std::uint32_t x, std::uin
 template <class F>
 using Sample4 = std::array<F, 4>;
 
-/// Four dimensions of an Owen-scrambled Sobol' sequence; `group` numbers the dimensions by fours.
+/// Four dimensions of an Owen-scrambled Sobol' sequence; `group` numbers the dimensions
+/// by fours.
 template <class F>
 inline Sample4<F> sobol_sample(const SampleKey<F>& key, std::uint32_t group) {
     using U = Uint<F>;
@@ -34,7 +36,8 @@ inline Sample4<F> sobol_sample(const SampleKey<F>& key, std::uint32_t group) {
     const U index = reverse_bits(owen_hash_reversed(reverse_bits(key.index), seed));
     Sample4<F> out;
     for (int d = 0; d < 4; ++d) {
-        const U dimension_seed = hash_combine(seed, U(static_cast<std::uint32_t>(d) + 1u));
+        const U dimension_seed =
+            hash_combine(seed, U(static_cast<std::uint32_t>(d) + 1u));
         const U x = owen_hash_reversed(sobol_reversed(index, d), dimension_seed);
         out[static_cast<std::size_t>(d)] = unit_from_bits(reverse_bits(x));
     }
@@ -55,8 +58,10 @@ inline Sample4<F> independent_sample(const SampleKey<F>& key, std::uint32_t grou
 }
 
 template <class F>
-inline Sample4<F> sample_4d(SamplerKind kind, const SampleKey<F>& key, std::uint32_t group) {
-    return kind == SamplerKind::sobol ? sobol_sample(key, group) : independent_sample(key, group);
+inline Sample4<F> sample_4d(SamplerKind kind, const SampleKey<F>& key,
+                            std::uint32_t group) {
+    return kind == SamplerKind::sobol ? sobol_sample(key, group)
+                                      : independent_sample(key, group);
 }
 
 }  // namespace raykiln

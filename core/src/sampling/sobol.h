@@ -5,12 +5,12 @@
 
 #include "math/number.h"
 
-// Owen-scrambled Sobol' points as a pure function of (seed, pixel, sample, dimension), so that any
-// sample can be drawn by itself, in any order, on any machine.
+// Owen-scrambled Sobol' points as a pure function of (seed, pixel, sample, dimension), so
+// that any sample can be drawn by itself, in any order, on any machine.
 //
-// Dimensions come in groups of four, each a scrambled 4D Sobol' sequence with its own shuffled
-// index (padding): Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020. The hash is
-// Laine and Karras' with the constants of Vegdahl (2021).
+// Dimensions come in groups of four, each a scrambled 4D Sobol' sequence with its own
+// shuffled index (padding): Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4),
+// 2020. The hash is Laine and Karras' with the constants of Vegdahl (2021).
 
 namespace raykiln {
 
@@ -38,8 +38,8 @@ inline U reverse_bits(U x) {
     return (x >> 16) | (x << 16);
 }
 
-/// Owen scrambling of a number given with its bits reversed: each bit is flipped by a hash of
-/// the bits below it.
+/// Owen scrambling of a number given with its bits reversed: each bit is flipped by a
+/// hash of the bits below it.
 template <class U>
 inline U owen_hash_reversed(U x, U seed) {
     x = x ^ (x * U(0x3d20adeau));
@@ -88,7 +88,8 @@ constexpr std::array<std::uint32_t, 32> sobol_columns_reversed(const SobolDimens
 }
 
 inline constexpr std::array<std::array<std::uint32_t, 32>, 3> sobol_columns{
-    {sobol_columns_reversed(sobol_dimensions[0]), sobol_columns_reversed(sobol_dimensions[1]),
+    {sobol_columns_reversed(sobol_dimensions[0]),
+     sobol_columns_reversed(sobol_dimensions[1]),
      sobol_columns_reversed(sobol_dimensions[2])}};
 
 }  // namespace detail
@@ -102,7 +103,8 @@ inline U sobol_reversed(U index, int dimension) {
     const auto& columns = detail::sobol_columns[static_cast<std::size_t>(dimension - 1)];
     U x(0u);
     for (int bit = 0; bit < 32; ++bit) {
-        x = x ^ ((U(0u) - ((index >> bit) & U(1u))) & U(columns[static_cast<std::size_t>(bit)]));
+        x = x ^ ((U(0u) - ((index >> bit) & U(1u))) &
+                 U(columns[static_cast<std::size_t>(bit)]));
     }
     return x;
 }

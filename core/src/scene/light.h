@@ -26,7 +26,8 @@ struct DirectionalLight {
     Vec3f irradiance;
 };
 
-/// Radiance from infinitely far away: a constant, or a latitude-longitude map if `map` is valid.
+/// Radiance from infinitely far away: a constant, or a latitude-longitude map if `map` is
+/// valid.
 struct EnvironmentLight {
     Vec3f scale{1, 1, 1};
     std::int32_t map = no_texture;

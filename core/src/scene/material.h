@@ -5,8 +5,8 @@
 
 #include "scene/texture.h"
 
-// Materials as the scene describes them: numbers or textures. `bsdf/` evaluates one at a point
-// into the BSDF that light is scattered by.
+// Materials as the scene describes them: numbers or textures. `bsdf/` evaluates one at a
+// point into the BSDF that light is scattered by.
 
 namespace raykiln {
 
@@ -39,7 +39,8 @@ struct DielectricMaterial {
     bool thin = false;
 };
 
-/// Transmittance of a dielectric interface, tabulated over the cosine of the angle of incidence.
+/// Transmittance of a dielectric interface, tabulated over the cosine of the angle of
+/// incidence.
 struct InterfaceTable {
     static constexpr int size = 64;
     float transmittance[size] = {};
@@ -60,8 +61,8 @@ struct PrincipledMaterial {
     float ior = 1.5f;
 };
 
-// To add a kind: a struct here, its BSDF in bsdf/, its binding in bind_scene.cpp, its model in
-// raykiln/scene.py, its case in raykiln/compile.py.
+// To add a kind: a struct here, its BSDF in bsdf/, its binding in bind_scene.cpp, its
+// model in raykiln/scene.py, its case in raykiln/compile.py.
 using MaterialKind = std::variant<DiffuseMaterial, ConductorMaterial, DielectricMaterial,
                                   PlasticMaterial, PrincipledMaterial>;
 
@@ -73,7 +74,9 @@ struct Material {
     FloatSlot opacity;
     float alpha_cutoff = -1.0f;  ///< negative: opacity is a share, not a threshold
 
-    bool has_opacity() const { return opacity.texture != no_texture || opacity.factor < 1.0f; }
+    bool has_opacity() const {
+        return opacity.texture != no_texture || opacity.factor < 1.0f;
+    }
 };
 
 }  // namespace raykiln

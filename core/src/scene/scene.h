@@ -29,13 +29,15 @@ struct Scene {
     std::vector<Emission> emissions;
     std::vector<Group> groups{1};  ///< group 0 lies in world space
     std::vector<Instance> instances;
-    std::vector<Light> lights;  ///< given ones first, then one for each emissive triangle, sphere
+    std::vector<Light>
+        lights;  ///< given ones first, then one for each emissive triangle, sphere
 
     // Made by prepare_lights.
     AliasTable light_choice;
     std::vector<std::uint32_t> infinite_lights;
-    /// First light of a geometry of group 0: `light_offset[geometry]`; of one in an instance:
-    /// `instance_light_offset[instance][geometry]`; no_index where it does not emit.
+    /// First light of a geometry of group 0: `light_offset[geometry]`; of one in an
+    /// instance: `instance_light_offset[instance][geometry]`; no_index where it does not
+    /// emit.
     std::vector<std::uint32_t> light_offset;
     std::vector<std::vector<std::uint32_t>> instance_light_offset;
     Bounds bounds;

@@ -10,13 +10,13 @@ namespace raykiln {
 
 constexpr std::uint32_t no_index = 0xffffffffu;
 
-/// Indexed triangles. The arrays belong to `owners` (NumPy arrays, or copies); they are shared
-/// with the ray tracer. `positions` must be readable 4 bytes past its end.
+/// Indexed triangles. The arrays belong to `owners` (NumPy arrays, or copies); they are
+/// shared with the ray tracer. `positions` must be readable 4 bytes past its end.
 struct Mesh {
-    const float* positions = nullptr;       ///< 3 a vertex
-    const std::uint32_t* indices = nullptr; ///< 3 a triangle
-    const float* normals = nullptr;         ///< 3 a vertex, or null: face normals
-    const float* uvs = nullptr;             ///< 2 a vertex, or null
+    const float* positions = nullptr;        ///< 3 a vertex
+    const std::uint32_t* indices = nullptr;  ///< 3 a triangle
+    const float* normals = nullptr;          ///< 3 a vertex, or null: face normals
+    const float* uvs = nullptr;              ///< 2 a vertex, or null
     std::uint32_t vertex_count = 0;
     std::uint32_t triangle_count = 0;
     std::vector<std::shared_ptr<const void>> owners;
@@ -41,7 +41,8 @@ struct Sphere {
     bool flip_normals = false;
 };
 
-/// Shapes with one coordinate system. Geometry ids count the meshes first, then the spheres.
+/// Shapes with one coordinate system. Geometry ids count the meshes first, then the
+/// spheres.
 struct Group {
     std::vector<Mesh> meshes;
     std::vector<Sphere> spheres;

@@ -35,8 +35,8 @@ struct CheckerTexture {
     UvTransform uv_transform;
 };
 
-// To add a kind: a struct here, its look-up in texture/texture.cpp, its binding in bind_scene.cpp,
-// its field in raykiln/scene.py.
+// To add a kind: a struct here, its look-up in texture/texture.cpp, its binding in
+// bind_scene.cpp, its field in raykiln/scene.py.
 using Texture = std::variant<ImageTexture, CheckerTexture>;
 
 enum class Channel : std::uint8_t { rgb, r, g, b, a };

@@ -22,40 +22,43 @@ const std::array<float, 256>& srgb_table() {
 }
 
 float channel_value(const ImageTexture& t, std::size_t pixel, int channel) {
-    const std::size_t i = pixel * static_cast<std::size_t>(t.channels) +
-                          static_cast<std::size_t>(channel);
+    const std::size_t i =
+        pixel * static_cast<std::size_t>(t.channels) + static_cast<std::size_t>(channel);
     const bool color = t.channels >= 3 ? channel < 3 : channel == 0;
     switch (t.format) {
-    case PixelFormat::u8: {
-        const auto code = static_cast<const std::uint8_t*>(t.pixels)[i];
-        return t.srgb && color ? srgb_table()[code] : static_cast<float>(code) * (1.0f / 255.0f);
-    }
-    case PixelFormat::u16:
-        return static_cast<float>(static_cast<const std::uint16_t*>(t.pixels)[i]) *
-               (1.0f / 65535.0f);
-    case PixelFormat::f32: break;
+        case PixelFormat::u8: {
+            const auto code = static_cast<const std::uint8_t*>(t.pixels)[i];
+            return t.srgb && color ? srgb_table()[code]
+                                   : static_cast<float>(code) * (1.0f / 255.0f);
+        }
+        case PixelFormat::u16:
+            return static_cast<float>(static_cast<const std::uint16_t*>(t.pixels)[i]) *
+                   (1.0f / 65535.0f);
+        case PixelFormat::f32:
+            break;
     }
     return static_cast<const float*>(t.pixels)[i];
 }
 
 int wrapped(int i, int size, TextureWrap mode) {
     switch (mode) {
-    case TextureWrap::clamp: return i < 0 ? 0 : (i >= size ? size - 1 : i);
-    case TextureWrap::mirror: {
-        const int period = 2 * size;
-        const int j = ((i % period) + period) % period;
-        return j < size ? j : period - 1 - j;
-    }
-    case TextureWrap::repeat: break;
+        case TextureWrap::clamp:
+            return i < 0 ? 0 : (i >= size ? size - 1 : i);
+        case TextureWrap::mirror: {
+            const int period = 2 * size;
+            const int j = ((i % period) + period) % period;
+            return j < size ? j : period - 1 - j;
+        }
+        case TextureWrap::repeat:
+            break;
     }
     return ((i % size) + size) % size;
 }
 
 Texel fetch(const ImageTexture& t, int x, int y) {
-    const std::size_t pixel =
-        static_cast<std::size_t>(wrapped(y, t.height, t.wrap_v)) *
-            static_cast<std::size_t>(t.width) +
-        static_cast<std::size_t>(wrapped(x, t.width, t.wrap_u));
+    const std::size_t pixel = static_cast<std::size_t>(wrapped(y, t.height, t.wrap_v)) *
+                                  static_cast<std::size_t>(t.width) +
+                              static_cast<std::size_t>(wrapped(x, t.width, t.wrap_u));
     const float first = channel_value(t, pixel, 0);
     if (t.channels <= 2) {
         return {Vec3f(first), t.channels == 2 ? channel_value(t, pixel, 1) : 1.0f};
@@ -72,8 +75,11 @@ Vec2f transformed(const UvTransform& m, Vec2f uv) {
     return {m.a * uv.x + m.b * uv.y + m.c, m.d * uv.x + m.e * uv.y + m.f};
 }
 
-/// Keeps texel coordinates in the range of int whatever the uv (images are at most 32768 wide).
-float bounded(float x) { return std::isfinite(x) ? clamp(x, -3e4f, 3e4f) : 0.0f; }
+/// Keeps texel coordinates in the range of int whatever the uv (images are at most 32768
+/// wide).
+float bounded(float x) {
+    return std::isfinite(x) ? clamp(x, -3e4f, 3e4f) : 0.0f;
+}
 
 Texel lookup_image(const ImageTexture& t, Vec2f uv) {
     const Vec2f at = transformed(t.uv_transform, uv);
@@ -98,11 +104,16 @@ Texel lookup_checker(const CheckerTexture& t, Vec2f uv) {
 
 float pick(const Texel& texel, Channel channel) {
     switch (channel) {
-    case Channel::r: return texel.rgb.x;
-    case Channel::g: return texel.rgb.y;
-    case Channel::b: return texel.rgb.z;
-    case Channel::a: return texel.alpha;
-    case Channel::rgb: break;
+        case Channel::r:
+            return texel.rgb.x;
+        case Channel::g:
+            return texel.rgb.y;
+        case Channel::b:
+            return texel.rgb.z;
+        case Channel::a:
+            return texel.alpha;
+        case Channel::rgb:
+            break;
     }
     return mean(texel.rgb);
 }
@@ -144,7 +155,8 @@ Vec3f average(const ColorSlot& slot, const std::vector<Texture>& textures) {
     Vec3f sum;
     for (int y = 0; y < n; ++y) {
         for (int x = 0; x < n; ++x) {
-            const Vec2f uv{(static_cast<float>(x) + 0.5f) / n, (static_cast<float>(y) + 0.5f) / n};
+            const Vec2f uv{(static_cast<float>(x) + 0.5f) / n,
+                           (static_cast<float>(y) + 0.5f) / n};
             sum += evaluate(slot, textures, uv);
         }
     }
