@@ -85,7 +85,12 @@ def test_exr_reads_strided_and_integer_input() -> None:
 
 def test_exr_metadata_and_window_come_back(tmp_path: Path) -> None:
     path = tmp_path / "crop.exr"
-    metadata = {"raykiln:seed": 7, "raykiln:big": 2**40, "raykiln:s": 0.1, "raykiln:scene": "ä"}
+    metadata: dict[str, str | int | float] = {
+        "raykiln:seed": 7,
+        "raykiln:big": 2**40,
+        "raykiln:s": 0.1,
+        "raykiln:scene": "ä",
+    }
     write_exr(path, {"beauty": np.ones((3, 4, 3))}, metadata=metadata, window=(5, 6, 20, 30))
     assert read_exr_metadata(path) == {**metadata, "raykiln:big": str(2**40)}
     assert read_image(path).shape == (3, 4, 3)

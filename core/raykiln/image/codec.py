@@ -62,7 +62,8 @@ def read_image(source: Source) -> npt.NDArray[Any]:
         If the file is missing, damaged, too large (65536 a side, 2^28 pixels, 4 GiB) or of
         another kind.
     """
-    return _named(source, _core.read_image)
+    pixels: npt.NDArray[Any] = _named(source, _core.read_image)
+    return pixels
 
 
 def read_exr_layers(source: Source) -> dict[str, npt.NDArray[np.float32]]:
@@ -161,7 +162,9 @@ def encode_png(
         array = np.rint(scaled).astype(wanted)
     elif array.dtype != wanted:
         raise ImageError(f"PNG of {bits} bits needs floats or {wanted.__name__}, not {array.dtype}")
-    text = [(name, str(value)) for name, value in _checked_metadata(metadata)]
+    text: list[tuple[str, str | int | float]] = [
+        (name, str(value)) for name, value in _checked_metadata(metadata)
+    ]
     data: memoryview = _core.encode_png(np.ascontiguousarray(array), text).data
     return data
 

@@ -138,11 +138,11 @@ def _linear_rgb(image: npt.NDArray[np.generic]) -> Floats:
     image = image[..., :1] if image.shape[2] <= 2 else image[..., :3]
     values = np.broadcast_to(image, (*image.shape[:2], 3))
     if values.dtype.kind == "u":
-        return _srgb_eotf(values.astype(np.float32) / np.iinfo(values.dtype).max)
+        return _srgb_eotf(values / np.float64(np.iinfo(values.dtype).max))
     return values.astype(np.float32)
 
 
-def _srgb_eotf(encoded: Floats) -> Floats:
+def _srgb_eotf(encoded: npt.NDArray[np.float64]) -> Floats:
     """The inverse of the sRGB curve (IEC 61966-2-1)."""
     curve = ((encoded + 0.055) / 1.055) ** 2.4
     return np.where(encoded <= 0.04045, encoded / 12.92, curve).astype(np.float32)

@@ -79,7 +79,7 @@ def _colour_error(a: Floats, b: Floats, ppd: float) -> Floats:
     knee = _COLOUR_KNEE_IN * largest
     below = _COLOUR_KNEE_OUT / knee * error
     above = _COLOUR_KNEE_OUT + (error - knee) / (largest - knee) * (1.0 - _COLOUR_KNEE_OUT)
-    return np.where(error < knee, below, above)
+    return np.asarray(np.where(error < knee, below, above))
 
 
 def _seen(image: Floats, ppd: float) -> Floats:
@@ -100,7 +100,7 @@ def _seen(image: Floats, ppd: float) -> Floats:
         filtered[..., channel] = total / weight
     y = (filtered[..., 0] + 16.0) / 116.0
     xyz = np.stack([y + filtered[..., 1] / 500.0, y, y - filtered[..., 2] / 200.0], axis=-1)
-    return np.clip((xyz * _WHITE_XYZ) @ _RGB_FROM_XYZ.T, 0.0, 1.0)
+    return np.asarray(np.clip((xyz * _WHITE_XYZ) @ _RGB_FROM_XYZ.T, 0.0, 1.0))
 
 
 def _hunt_adjusted_lab(linear: Floats) -> Floats:
@@ -153,7 +153,7 @@ def _convolve(image: Floats, along_x: Floats, along_y: Floats) -> Floats:
 
 
 def _weighted_sum(weights: Floats, part: Callable[[int], Floats]) -> Floats:
-    total = weights[0] * part(0)
+    total: Floats = weights[0] * part(0)
     for i in range(1, len(weights)):
         total += weights[i] * part(i)
     return total

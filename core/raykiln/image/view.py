@@ -96,7 +96,7 @@ def _exposed(image: npt.ArrayLike, exposure: float) -> Floats:
     gain = np.float32(2.0 ** min(max(exposure, -120.0), 120.0))
     with np.errstate(over="ignore", invalid="ignore"):
         scaled = np.nan_to_num(values * gain, nan=0.0, posinf=_BRIGHTEST, neginf=0.0)
-    return np.clip(scaled, 0.0, _BRIGHTEST, dtype=np.float32)
+    return np.asarray(np.clip(scaled, 0.0, _BRIGHTEST), dtype=np.float32)
 
 
 def _aces(linear: Floats) -> Floats:
@@ -110,4 +110,5 @@ def _agx(linear: Floats) -> Floats:
     stops = np.log2(np.maximum(inset, 2.0**_AGX_MIN_EV))
     x = np.clip((stops - _AGX_MIN_EV) / (_AGX_MAX_EV - _AGX_MIN_EV), 0.0, 1.0)
     # The sigmoid's values are already meant for the display: no further curve.
-    return np.clip(np.polyval(_AGX_SIGMOID, x) @ _AGX_OUTSET.T, 0.0, 1.0).astype(np.float32)
+    shown = np.clip(np.polyval(_AGX_SIGMOID, x) @ _AGX_OUTSET.T, 0.0, 1.0)
+    return np.asarray(shown, dtype=np.float32)
