@@ -47,27 +47,26 @@ def load(path: str | Path, *, base_dir: str | Path | None = None) -> Scene:
     SceneError
         The file does not exist, is damaged, or is of no supported format.
     """
-    path = Path(path)
-    read = reader_of(path)
-    if not path.is_file():
-        raise SceneError(
-            "a folder, not a file" if path.is_dir() else "the file does not exist", file=path
-        )
-    with scene_errors(path):
-        files = Files(path, None if base_dir is None else Path(base_dir))
-        scene = read(path, files)
-        scene.base_dir = files.root
-        complete(scene)
-    return scene
+    return _load(Path(path), None if base_dir is None else Path(base_dir))[0]
 
 
 def side_files(path: str | Path, *, base_dir: str | Path | None = None) -> set[Path]:
     """The other files (resolved) that loading a scene file needs; raises as `load` does."""
-    path = Path(path)
+    files = _load(Path(path), None if base_dir is None else Path(base_dir))[1]
+    return files.used - {Path(path).resolve()}
+
+
+def _load(path: Path, base_dir: Path | None) -> tuple[Scene, Files]:
+    read = reader_of(path)
+    if not path.is_file():
+        what = "a folder, not a file" if path.is_dir() else "the file does not exist"
+        raise SceneError(what, file=path)
     with scene_errors(path):
-        files = Files(path, None if base_dir is None else Path(base_dir))
-        reader_of(path)(path, files)
-    return files.used - {path.resolve()}
+        files = Files(path, base_dir)
+        scene = read(path, files)
+        scene.base_dir = files.root
+        complete(scene)
+    return scene, files
 
 
 def reader_of(path: Path) -> Reader:

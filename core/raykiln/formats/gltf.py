@@ -100,11 +100,35 @@ class _Reader:
                 self._light(lights, self.world[number])
         for mesh, numbers in placed.items():
             self._mesh(mesh, numbers)
+        self._check_unshown(set(placed))
+
+    def _check_unshown(self, shown_meshes: set[int]) -> None:
+        """Read what the scene does not show too, so that a broken file is never half accepted."""
+        aside = _Reader(self.data, Scene())
+        seen = [False] * len(self.nodes)
+        aside._descend(self._tops(), seen)
+        if not all(seen):
+            number = seen.index(False)
+            raise SceneError("a node is its own ancestor", pointer=self.nodes[number].pointer)
+        for i, mesh in enumerate(self.root.items("meshes")):
+            if i not in shown_meshes:
+                for primitive in primitives(self.data, aside.scene, mesh, Item({}, "")):
+                    aside.materials.get(primitive.material, f"{primitive.pointer}/material")
+        for i, material in enumerate(self.root.items("materials")):
+            if not self.materials.has(i):
+                aside.materials.get(i, material.pointer)
+        for i, _ in enumerate(self.root.items("cameras")):
+            aside._camera(Item({"camera": i}, "/cameras"), np.eye(4))
+        extension = self.root.item("extensions").item("KHR_lights_punctual")
+        for i, _ in enumerate(extension.items("lights")):
+            aside._light(Item({"light": i}, extension.pointer), np.eye(4))
 
     def _walk(self) -> None:
         """Find the nodes of the scene and their matrices; a node may be shown once."""
-        seen = [False] * len(self.nodes)
-        pending = [(number, np.eye(4), 0) for number in reversed(self._roots())]
+        self._descend(self._roots(), [False] * len(self.nodes))
+
+    def _descend(self, roots: list[int], seen: list[bool]) -> None:
+        pending = [(number, np.eye(4), 0) for number in reversed(roots)]
         while pending:
             number, parent, depth = pending.pop()
             if number >= len(self.nodes):
@@ -123,9 +147,13 @@ class _Reader:
             pending.extend((child, self.world[number], depth + 1) for child in children)
 
     def _roots(self) -> list[int]:
-        if self.root.sequence("scenes"):
+        if self.root.sequence("scenes") or "scene" in self.root:
             index = self.root.integer("scene", 0)
             return self.root.entry("scenes", index, "/scene").indices("nodes")
+        return self._tops()
+
+    def _tops(self) -> list[int]:
+        """The nodes that are no node's child."""
         children = {c for node in self.nodes for c in node.indices("children")}
         return [number for number in range(len(self.nodes)) if number not in children]
 
@@ -222,8 +250,8 @@ class _Reader:
         lens = camera.item("perspective")
         fov = math.degrees(lens.number("yfov"))
         if not 0 < fov < 180:
-            raise SceneError("a field of view out of range", pointer=f"{lens.pointer}/yfov",
-                             found=lens.number("yfov"), accepted="0 to pi")  # fmt: skip
+            self.scene.warn(f"{lens.pointer}: a field of view of {fov:.4g} degrees; left out")
+            return
         near, far = lens.number("znear"), lens.number("zfar", 1e30)
         if not 0 <= near < far:
             raise SceneError("znear and zfar out of order", pointer=lens.pointer)
@@ -268,8 +296,7 @@ class _Reader:
                     )
                 )
             case other:
-                raise SceneError("an unknown kind of light", pointer=f"{light.pointer}/type",
-                                 found=other, accepted="directional point spot")  # fmt: skip
+                self.scene.warn(f"{light.pointer}: lights of type '{other[:100]}' are left out")
 
 
 def _local(node: Item) -> Array:

@@ -30,7 +30,7 @@ def split_glb(data: bytes) -> tuple[bytes, bytes | None]:
         raise SceneError("not a GLB file", found=data[:4])
     if version != 2:
         raise SceneError("a GLB file of another version", found=version, accepted="2")
-    if length != len(data):
+    if length > len(data):
         raise SceneError(f"the GLB file has {len(data)} bytes and claims {length}")
     chunks: dict[int, bytes] = {}
     offset, first = 12, True

@@ -42,6 +42,10 @@ class Materials:
             self._made[index] = self._make(item, index)
         return self._made[index]
 
+    def has(self, index: int) -> bool:
+        """Whether the material was asked for."""
+        return index in self._made
+
     def _make(self, item: Item, index: int | None) -> GltfMaterial:
         label = item.string("name", "") or ("default" if index is None else f"material_{index}")
         name = unique_name(label, self.scene.materials)

@@ -111,10 +111,7 @@ class Item:
 
     def indices(self, name: str) -> list[int]:
         """The whole numbers of the list of this name."""
-        values = self.sequence(name)
-        if any(isinstance(v, bool) or not isinstance(v, int) or v < 0 for v in values):
-            raise self._bad(name, "whole numbers from 0")
-        return values
+        return [Item({name: x}, self.pointer).integer(name) for x in self.sequence(name)]
 
     def entry(self, name: str, index: int, pointer: str) -> Item:
         """Entry `index` of the list of this name, referred to from `pointer`."""

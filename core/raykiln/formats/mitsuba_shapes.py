@@ -15,17 +15,32 @@ from raykiln.formats.files import scene_errors
 from raykiln.formats.meshes import MeshData, smooth_normals
 from raykiln.formats.mitsuba_bsdfs import Materials
 from raykiln.formats.mitsuba_objects import MitsubaObject
+from raykiln.formats.mitsuba_patches import PATCHES
 from raykiln.formats.mitsuba_textures import Context
 from raykiln.formats.mitsuba_transforms import Matrix
 from raykiln.formats.names import unique_name
 from raykiln.formats.studio import rows
-from raykiln.scene import Cube, Disk, Emission, Instance, Mesh, Rectangle, Sphere
+from raykiln.scene import (
+    Cube,
+    Disk,
+    Emission,
+    Instance,
+    Mesh,
+    NormalMap,
+    Rectangle,
+    Sphere,
+    TextureRef,
+)
 
 _PRIMITIVES: dict[str, type[Rectangle] | type[Cube] | type[Disk]] = {
     "rectangle": Rectangle,
     "cube": Cube,
     "disk": Disk,
 }
+# Our spheres have their poles on y and u = 0 at -z; Mitsuba's have them on z and u = 0 at +x.
+_MITSUBA_FROM_OUR_SPHERE = np.array(
+    [[0.0, 0.0, -1.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
+)
 _MESHES = ("obj", "ply", "serialized")
 
 
@@ -90,10 +105,19 @@ class Shapes:
         matrix = owner.matrix("to_world")
         if owner.type in _MESHES:
             return self._mesh(owner, matrix, values)
-        values["transform"] = None if matrix is None else rows(matrix)
         if owner.type == "sphere":
             return self._sphere(owner, matrix, values)
+        values["transform"] = None if matrix is None else rows(matrix)
+        if self._shows_uv(values):
+            return Mesh.model_validate({**values, **PATCHES[owner.type]()})
         return _PRIMITIVES[owner.type](**values)
+
+    def _shows_uv(self, values: dict[str, Any]) -> bool:
+        """Whether texture coordinates matter: then the shape is made with Mitsuba's."""
+        material = self.context.scene.materials[values["material"]]
+        emission = values["emission"]
+        fields = [*material.__dict__.values(), emission.radiance if emission else None]
+        return any(isinstance(field, TextureRef | NormalMap) for field in fields)
 
     def _sphere(
         self, owner: MitsubaObject, matrix: Matrix | None, values: dict[str, Any]
@@ -105,28 +129,36 @@ class Shapes:
             # A mirrored sphere of Mitsuba turns inside out.
             values["flip_normals"] = not values["flip_normals"]
         center = owner.get("center", list, [0.0, 0.0, 0.0])
-        return Sphere(center=tuple(center), radius=radius, **values)
+        if self._shows_uv(values):
+            place = np.eye(4) if matrix is None else matrix.copy()
+            place[:3, 3] += place[:3, :3] @ center
+            center, matrix = [0.0, 0.0, 0.0], place @ _MITSUBA_FROM_OUR_SPHERE
+        transform = None if matrix is None else rows(matrix)
+        return Sphere(center=tuple(center), radius=radius, transform=transform, **values)
 
     def _mesh(self, owner: MitsubaObject, matrix: Matrix | None, values: dict[str, Any]) -> Mesh:
         """A mesh in world space: Mitsuba smooths the normals after the transform."""
         data, flipped, smooth = self._data(owner)
-        vertices, normals, uvs = data.vertices, data.normals, data.uvs
+        vertices, faces, uvs = data.vertices, data.faces, data.uvs
+        normals = None if owner.boolean("face_normals", False) else data.normals
         if matrix is not None:
-            linear = matrix[:3, :3]
-            vertices = (vertices @ linear.T + matrix[:3, 3]).astype(np.float32)
+            inverse = _inverse(matrix[:3, :3], owner)
+            vertices = (vertices @ matrix[:3, :3].T + matrix[:3, 3]).astype(np.float32)
             if normals is not None:
-                cofactor = np.linalg.det(linear) * np.linalg.inv(linear)
-                normals = _unit(normals @ cofactor * np.sign(np.linalg.det(linear)))
+                normals = _unit(normals @ inverse)
+                if np.linalg.det(inverse) < 0:
+                    # The given normals say which side is out, so the faces must turn with them.
+                    faces = faces[:, ::-1]
         if owner.boolean("face_normals", False):
-            normals = None
-        elif normals is None and smooth and len(data.faces):
+            smooth = False
+        if normals is None and smooth and len(faces):
             _check_faces(data, owner)
-            normals = smooth_normals(vertices, data.faces)
+            normals = smooth_normals(vertices, faces)
         if uvs is not None and owner.boolean("flip_tex_coords", owner.type == "obj") != flipped:
             uvs = np.stack([uvs[:, 0], 1 - uvs[:, 1]], axis=1)
         owner.used.update(("flip_tex_coords", "face_normals", "max_smooth_angle"))
         return Mesh.model_validate(
-            {**values, "vertices": vertices, "faces": data.faces, "normals": normals, "uvs": uvs}
+            {**values, "vertices": vertices, "faces": faces, "normals": normals, "uvs": uvs}
         )
 
     def _data(self, owner: MitsubaObject) -> tuple[MeshData, bool, bool]:
@@ -175,6 +207,13 @@ def _unit(normals: Any) -> Any:
     return np.divide(normals, length, out=np.zeros_like(normals), where=length > 0).astype(
         np.float32
     )
+
+
+def _inverse(linear: Any, owner: MitsubaObject) -> Any:
+    try:
+        return np.linalg.inv(linear)
+    except np.linalg.LinAlgError:
+        raise SceneError("the transform is singular", pointer=owner.pointer) from None
 
 
 def _check_faces(data: MeshData, owner: MitsubaObject) -> None:
