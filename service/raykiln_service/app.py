@@ -132,8 +132,13 @@ def _add_error_handlers(app: FastAPI) -> None:
         return problem_reply(error)
 
     @app.exception_handler(HTTPException)
-    async def _http_error(_request: Request, error: HTTPException) -> Response:
-        return problem_reply(error_of_status(error.status_code, error.detail, error.headers))
+    async def _http_error(request: Request, error: HTTPException) -> Response:
+        detail = error.detail
+        if error.status_code == 404:
+            detail = f"there is nothing at {request.url.path}"
+        elif error.status_code == 405:
+            detail = f"{request.method} is not allowed at {request.url.path}"
+        return problem_reply(error_of_status(error.status_code, detail, error.headers))
 
     @app.exception_handler(RequestValidationError)
     async def _invalid(_request: Request, error: RequestValidationError) -> Response:

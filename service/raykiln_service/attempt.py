@@ -99,7 +99,8 @@ class Attempt:
 
     def log(self, line: str) -> None:
         """Keep a line in the job's log."""
-        self._log.write(line)
+        if line.strip():
+            self._log.write(line)
 
     def stop_reason(self) -> StopReason | None:
         """Beat the lease's heart if it is time, and look whether the end was asked for."""
@@ -135,6 +136,9 @@ class Attempt:
     # The way of an attempt
 
     def _render(self, slot: int, executor: Executor) -> Outcome:
+        for left in (*self._folder.glob("work-*"), *self._folder.glob(".*")):
+            # Of attempts that were killed: their leases are gone, so nobody will miss it.
+            remove_tree(left) if left.is_dir() else left.unlink(missing_ok=True)
         self._work_dir.mkdir()
         units = plan(self._job.spec.settings)
         assert len(units) == 1
@@ -160,6 +164,7 @@ class Attempt:
             case OutcomeKind.DONE:
                 assert outcome.result is not None
                 result = self._publish(outcome.result)
+                self._log.write(_summary(result))
                 self._end(lambda: self._store.succeed(self._lease, result))
                 self._metrics.note_result(result["stats"]["queue_s"], result["stats"])
                 self._tidy(result)
@@ -235,6 +240,13 @@ class Attempt:
     def _say(self, text: str) -> None:
         self._log.write(text)
         self._service_log.info(f"attempt {text}")
+
+
+def _summary(result: Mapping[str, Any]) -> str:
+    stats = result["stats"]
+    size = f"{result['width']} x {result['height']}"
+    warnings = "".join(f"; warning: {text}" for text in result["warnings"])
+    return f"rendered {size} at {stats['spp']} spp in {stats['render_s']:.2f} s{warnings}"
 
 
 def _describe(path: Path) -> dict[str, Any]:

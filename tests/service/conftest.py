@@ -147,3 +147,32 @@ def serve(tmp_path: Path) -> Iterator[Serve]:
             server.kill_all()
         assert server.process.stdout is not None
         server.process.stdout.close()
+
+
+@pytest.fixture
+def ball() -> dict[str, Any]:
+    """A small scene in the native format: a red ball on a floor under a lamp."""
+    return {
+        "version": 1,
+        "name": "ball",
+        "cameras": [
+            {
+                "type": "perspective",
+                "name": "front",
+                "look_at": {"origin": [0, 1, 4], "target": [0, 0.5, 0]},
+            }
+        ],
+        "materials": {
+            "red": {"type": "diffuse", "reflectance": [0.7, 0.2, 0.1]},
+            "floor": {"type": "diffuse", "reflectance": 0.6},
+        },
+        "shapes": [
+            {"type": "sphere", "center": [0, 0.7, 0], "radius": 0.7, "material": "red"},
+            {
+                "type": "rectangle",
+                "material": "floor",
+                "transform": [[5, 0, 0, 0], [0, 0, 5, 0], [0, -5, 0, 0], [0, 0, 0, 1]],
+            },
+            {"type": "sphere", "center": [2, 3, 2], "radius": 0.4, "emission": {"radiance": 12}},
+        ],
+    }

@@ -123,7 +123,7 @@ class Rendering:
             write_exr(folder / f"{name}.exr", {name: layer})
         height, width = result.image.shape[:2]
         stats = result.stats.as_dict()
-        stats["load_s"] = max(float(stats.get("load_s") or 0.0), loaded_s)
+        stats["load_s"] = loaded_s + float(stats["load_s"])
         stats["encode_s"] = time.monotonic() - started
         self._write_preview(result.image)
         return {
