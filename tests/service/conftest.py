@@ -109,18 +109,18 @@ class Server:
         return self.process.wait(timeout=15)
 
 
-Serve = Callable[..., Server]
+class Starter:
+    """Starts services, and ends them all."""
 
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._started: list[Server] = []
 
-@pytest.fixture
-def serve(tmp_path: Path) -> Iterator[Serve]:
-    """Starts services: `serve(**settings)`; the default data folder is the test's own."""
-    started: list[Server] = []
-
-    def start(*, env: dict[str, str] | None = None, **settings: Any) -> Server:
-        data_dir = Path(settings.setdefault("data_dir", str(tmp_path / "data")))
+    def __call__(self, *, env: dict[str, str] | None = None, **settings: Any) -> Server:
+        """Start a service; without `data_dir` each start is on the same data folder."""
+        data_dir = Path(settings.setdefault("data_dir", str(self._folder / "data")))
         settings.setdefault("port", 0)
-        log = tmp_path / f"service-{len(started)}.log"
+        log = self._folder / f"service-{len(self._started)}.log"
         with log.open("w") as errors:
             process = subprocess.Popen(
                 [sys.executable, "-c", _SERVE, json.dumps(settings)],
@@ -134,22 +134,47 @@ def serve(tmp_path: Path) -> Iterator[Serve]:
         line = process.stdout.readline()
         if "serving on" not in line:
             process.kill()
+            process.wait()
+            process.stdout.close()
             pytest.fail(f"the service did not start: {log.read_text()}")
         server = Server(process, line.split()[-1], data_dir, log)
         if "token" in settings:
             server.headers["Authorization"] = f"Bearer {settings['token']}"
-        started.append(server)
+        self._started.append(server)
         return server
 
-    yield start
-    for server in started:
-        if server.process.poll() is None:
-            server.kill_all()
-        assert server.process.stdout is not None
-        server.process.stdout.close()
+    def close(self) -> None:
+        """End all that still run."""
+        for server in self._started:
+            if server.process.poll() is None:
+                server.kill_all()
+            assert server.process.stdout is not None
+            server.process.stdout.close()
 
 
 @pytest.fixture
+def serve(tmp_path: Path) -> Iterator[Starter]:
+    """Starts services: `serve(**settings)`."""
+    starter = Starter(tmp_path)
+    yield starter
+    starter.close()
+
+
+@pytest.fixture(scope="module")
+def module_serve(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Starter]:
+    """The same, for services that the tests of a module share."""
+    starter = Starter(tmp_path_factory.mktemp("service"))
+    yield starter
+    starter.close()
+
+
+@pytest.fixture(scope="module")
+def server(module_serve: Starter) -> Server:
+    """One service for a module's tests."""
+    return module_serve()
+
+
+@pytest.fixture(scope="session")
 def ball() -> dict[str, Any]:
     """A small scene in the native format: a red ball on a floor under a lamp."""
     return {

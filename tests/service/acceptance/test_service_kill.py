@@ -52,15 +52,13 @@ def wait_until_gone(pid: int) -> None:
         time.sleep(0.02)
 
 
-@pytest.fixture
-def undisturbed(serve: Any, ball: dict[str, Any], tmp_path: Path) -> dict[str, bytes]:
+@pytest.fixture(scope="module")
+def undisturbed(server: Any, ball: dict[str, Any]) -> dict[str, bytes]:
     """The layers of the image when nothing happens to the service."""
-    server = serve(data_dir=str(tmp_path / "calm"))
     job = server.submit(scene={"inline": ball}, settings=SETTINGS)
     assert server.wait_for_end(job["id"])["state"] == "succeeded"
     found = pixels(server, job["id"])
     assert np.frombuffer(found["beauty"], np.float32).max() > 0
-    server.stop()
     return found
 
 
