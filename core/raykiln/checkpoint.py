@@ -39,7 +39,7 @@ def load(path: Path, renderer: _core.Renderer, identity: dict[str, Any]) -> dict
     """
     try:
         # Every member of the archive carries a checksum that reading verifies.
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             header = json.loads(str(archive["header"]))
             stored = {name: archive[name] for name in archive.files if name != "header"}
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:

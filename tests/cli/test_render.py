@@ -9,7 +9,6 @@ import signal
 import subprocess
 import time
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -144,6 +143,7 @@ def test_a_bad_scene_is_one_line_with_its_place(
         (["ball.json", "--exposure", "nan"], "--exposure: out of range"),
         (["ball.json", "--base-dir", "no"], "--base-dir: no such folder"),
         (["ball.json", "--time-budget", "0"], "--time-budget: "),
+        (["ball.json", "--checkpoint-interval", "-1"], "--checkpoint-interval: "),
         (["ball.txt"], r"ball\.txt: .*accepted: "),
     ],
 )
@@ -206,7 +206,7 @@ def test_an_interrupted_render_keeps_what_it_has(
 
 
 def test_a_resumed_render_has_the_bits_of_an_undisturbed_one(scene: Path, tmp_path: Path) -> None:
-    settings = ["--size", "128x128", "--spp", "256", "--max-depth", "4"]
+    settings = ["--size", "128x128", "--spp", "96"]
     whole = raykiln_process("render", scene, "-o", "whole.exr", *settings, cwd=tmp_path)
     assert whole.code == 0
     line = ["render", str(scene), "-o", "a.exr", "--checkpoint", "c.ckpt", *settings]
@@ -226,16 +226,30 @@ def damaged(data: bytes, how: str) -> bytes:
 
 
 @pytest.mark.parametrize("how", ["empty", "cut", "noise"])
-def test_a_damaged_checkpoint_is_one_line(raykiln: Run, scene: Path, how: str) -> None:
-    line: tuple[Any, ...] = ("render", scene, "-o", "a.exr", "--checkpoint", "c", "--spp", 32)
-    assert raykiln(*line).code == 0
-    state = Path("c")
-    if not state.exists():
-        pytest.skip("a finished render keeps no checkpoint")
-    state.write_bytes(damaged(state.read_bytes(), how))
+def test_a_damaged_checkpoint_is_one_line(
+    raykiln: Run, long_scene: Path, tmp_path: Path, how: str
+) -> None:
+    line = ["render", str(long_scene), "-o", "a.exr", "--checkpoint", "c.ckpt"]
+    child = start(line, tmp_path)
+    child.send_signal(signal.SIGINT)
+    child.communicate(timeout=60)
+    checkpoint = tmp_path / "c.ckpt"
+    checkpoint.write_bytes(damaged(checkpoint.read_bytes(), how))
     ran = raykiln(*line, "--resume", "--quiet")
     assert ran.code == 1
-    assert "c" in ran.error
+    assert "c.ckpt" in ran.error
+
+
+def test_a_checkpoint_of_another_render_is_refused(
+    raykiln: Run, long_scene: Path, tmp_path: Path
+) -> None:
+    line = ["render", str(long_scene), "-o", "a.exr", "--checkpoint", "c.ckpt"]
+    child = start(line, tmp_path)
+    child.send_signal(signal.SIGINT)
+    child.communicate(timeout=60)
+    ran = raykiln(*line, "--resume", "--quiet", "--seed", "9")
+    assert ran.code == 1
+    assert "c.ckpt" in ran.error
 
 
 def test_a_missing_checkpoint_starts_from_the_beginning(raykiln: Run, scene: Path) -> None:

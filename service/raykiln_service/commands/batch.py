@@ -17,7 +17,14 @@ from raykiln_service.commands.console import (
 )
 from raykiln_service.commands.options import RenderOptions, with_render_options
 from raykiln_service.commands.progress import progress_bar
-from raykiln_service.commands.render import ExposureOption, QuietOption, ViewOption, check_view
+from raykiln_service.commands.render import (
+    ExposureOption,
+    IntervalOption,
+    QuietOption,
+    ViewOption,
+    check_interval,
+    check_view,
+)
 
 if TYPE_CHECKING:
     from raykiln_service.commands.batch_run import Batch, Entry
@@ -42,6 +49,7 @@ def batch(
     jobs: Annotated[
         int, typer.Option("--jobs", "-j", help="Scenes rendered at a time.", metavar="N")
     ] = 1,
+    checkpoint_interval: IntervalOption = 5.0,
     exposure: ExposureOption = 0.0,
     view: ViewOption = "srgb",
     quiet: QuietOption = False,
@@ -58,6 +66,7 @@ def batch(
     if not 1 <= jobs <= 256:
         raise usage_error("--jobs", "out of range", found=jobs, accepted="1 to 256")
     check_view(view, exposure)
+    check_interval(checkpoint_interval)
     options.settings()
     values = options.values()
     if jobs > 1:
@@ -65,9 +74,14 @@ def batch(
     folder = _output_folder(output)
     items = read_inputs(source, folder, values)
     show = _Show(len(items), quiet=quiet)
-    arguments = [f"--exposure={exposure}", f"--view={view}"]
     work = Batch(
-        items, folder, resume=resume, jobs=jobs, render_arguments=arguments, on_change=show.change
+        items,
+        folder,
+        resume=resume,
+        jobs=jobs,
+        view_arguments=[f"--exposure={exposure}", f"--view={view}"],
+        checkpoint_interval_s=checkpoint_interval,
+        on_change=show.change,
     )
     with show:
         code = work.run()

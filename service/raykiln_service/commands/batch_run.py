@@ -90,7 +90,8 @@ class Batch:
         *,
         resume: bool = False,
         jobs: int = 1,
-        render_arguments: list[str] | None = None,
+        view_arguments: list[str] | None = None,
+        checkpoint_interval_s: float = 5.0,
         on_change: Watcher | None = None,
     ) -> None:
         from raykiln import __version__
@@ -100,7 +101,8 @@ class Batch:
         self._folder = folder
         self._resume = resume
         self._jobs = jobs
-        self._arguments = render_arguments or []
+        self._arguments = view_arguments or []
+        self._interval_s = checkpoint_interval_s
         self._on_change = on_change or (lambda entry, fraction: None)
         self.entries = [Entry(item.scene, item.name, item.settings) for item in items]
         self._children: set[asyncio.subprocess.Process] = set()
@@ -216,6 +218,7 @@ class Batch:
             *("-o", str(work / "image.exr"), "-o", str(work / "image.png")),
             *("--stats", str(work / "image.stats.json")),
             *("--checkpoint", str(work / "checkpoint"), "--resume", "--progress-json"),
+            f"--checkpoint-interval={self._interval_s}",
             *("--settings-json", json.dumps(item.settings), *self._arguments),
         ]
         child = await asyncio.create_subprocess_exec(

@@ -94,6 +94,10 @@ def duration(seconds: float | None) -> str:
 def check_writable(path: Path, option: str) -> None:
     """Raise a usage error now if `path` could not be written later."""
     folder = path.parent
+    try:
+        path.exists()
+    except (OSError, ValueError) as error:
+        raise CommandError(f"{option}: not a usable path: {one_line(str(error))}") from None
     if path.is_dir():
         raise usage_error(option, "a folder stands in the way of the file", found=path)
     if not folder.is_dir():

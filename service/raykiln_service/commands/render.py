@@ -20,7 +20,7 @@ from raykiln_service.commands.console import (
 )
 from raykiln_service.commands.options import RenderOptions, settings_of, with_render_options
 from raykiln_service.commands.progress import graceful_stop, reporter
-from raykiln_service.commands.scenes import BaseDirOption, SceneArgument, load, stem_of
+from raykiln_service.commands.scenes import BaseDirOption, SceneArgument, load, naming, stem_of
 from raykiln_service.files import write_json
 
 if TYPE_CHECKING:
@@ -44,6 +44,12 @@ ExposureOption = Annotated[
 ViewOption = Annotated[
     str, typer.Option("--view", help="View transform of PNG images.", metavar="|".join(VIEWS))
 ]
+IntervalOption = Annotated[
+    float,
+    typer.Option(
+        "--checkpoint-interval", help="Time between checkpoints at least.", metavar="SECONDS"
+    ),
+]
 StatsOption = Annotated[
     Path | None, typer.Option("--stats", help="Write the statistics here.", metavar="FILE.json")
 ]
@@ -66,6 +72,7 @@ def render(
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on from the checkpoint, if it exists.")
     ] = False,
+    checkpoint_interval: IntervalOption = 5.0,
     base_dir: BaseDirOption = None,
     quiet: QuietOption = False,
     settings_json: Annotated[str | None, typer.Option("--settings-json", hidden=True)] = None,
@@ -82,6 +89,7 @@ def render(
     targets = output_paths(output, stem_of(scene))
     check_outputs(targets, stats, checkpoint, resume)
     check_view(view, exposure)
+    check_interval(checkpoint_interval)
     settings = _settings(options, settings_json)
     loaded = load(scene, base_dir)
     with graceful_stop() as stop, reporter(scene, quiet=quiet, as_json=progress_json) as shown:
@@ -90,7 +98,15 @@ def render(
             shown.update(progress)
             return not stop.requested
 
-        result = raykiln.render(loaded, settings, on_progress, checkpoint=checkpoint, resume=resume)
+        with naming(scene):
+            result = raykiln.render(
+                loaded,
+                settings,
+                on_progress,
+                checkpoint=checkpoint,
+                resume=resume,
+                checkpoint_interval_s=checkpoint_interval,
+            )
         if not quiet:
             print_warnings(result.warnings)
         _write(result, targets, stats, exposure=exposure, view=view, half=half)
@@ -134,6 +150,12 @@ def check_view(view: str, exposure: float) -> None:
         raise usage_error("--view", "no such view", found=view, accepted=", ".join(VIEWS))
     if not -100 <= exposure <= 100:
         raise usage_error("--exposure", "out of range", found=exposure, accepted="-100 to 100")
+
+
+def check_interval(seconds: float) -> None:
+    """Raise for a time between checkpoints that is none."""
+    if not seconds >= 0:
+        raise usage_error("--checkpoint-interval", "out of range", found=seconds, accepted="0 up")
 
 
 def _settings(options: RenderOptions, settings_json: str | None) -> RenderSettings:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -63,6 +65,17 @@ def load(text: str, base_dir: Path | None = None) -> Scene:
     return raykiln.load_scene(resolve_scene(text), base_dir=base_dir)
 
 
+@contextmanager
+def naming(scene: str) -> Iterator[None]:
+    """Name the scene in errors that are found only when it is built."""
+    from raykiln import SceneError
+
+    try:
+        yield
+    except SceneError as error:
+        raise error.in_file(scene) from None
+
+
 def stem_of(text: str) -> str:
     """The name for outputs of the scene that the user gave as `text`."""
     return Path(text).stem or "image"
@@ -102,7 +115,8 @@ def inspect(
     import raykiln
 
     try:
-        summary = raykiln.check(load(scene, base_dir)).summary()
+        with naming(scene):
+            summary = raykiln.check(load(scene, base_dir)).summary()
     except raykiln.SceneError as error:
         if not as_json:
             raise
