@@ -569,7 +569,7 @@ class Scene(Node):
             number += 1
         return self.add_material(f"material_{number}", material)
 
-    def _add(self, kind: type[Any], group: str | None, **values: Any) -> Any:
+    def _add(self, kind: type[Any], group: str | None, /, **values: Any) -> Any:
         shape = _node(kind, **values)
         target: list[Any] = self.shapes if group is None else self.groups.setdefault(group, [])
         target.append(shape)
