@@ -16,7 +16,7 @@ import numpy as np
 
 from raykiln.errors import SceneError
 from raykiln.formats.files import Files, read_bytes
-from raykiln.formats.meshes import Array, MeshData, triangulate
+from raykiln.formats.meshes import MAX_COUNT, Array, MeshData, triangulate
 from raykiln.formats.mtl import read_materials
 from raykiln.scene import Scene
 
@@ -301,6 +301,8 @@ class _Words:
         values = _floats(text.replace(b"/", b" "))
         if len(values) != len(places) or (slot.size and int(slot.max()) > 2):
             raise SceneError("a face holds something other than v, v/vt, v//vn or v/vt/vn")
+        if not (np.abs(values) <= MAX_COUNT).all():
+            raise SceneError("a face refers to a vertex number out of range")
         corners = np.zeros((len(word_places), 3), np.int64)
         corners[word_of, slot] = values.astype(np.int64)
         if (counts < 3).any():
