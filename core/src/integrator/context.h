@@ -80,13 +80,24 @@ Vec3f estimate_whitted(const Context& c, const Ray& ray, FirstHit& first);
 Vec3f estimate_direct(const Context& c, const Ray& ray, FirstHit& first);
 Vec3f estimate_ao(const Context& c, const Ray& ray, FirstHit& first);
 
-/// Radiance from beyond the scene, with the weight that the sampling of each light leaves
-/// it. `pdf_bsdf` is the density of the direction; 0 takes all of it.
-Vec3f escaped_radiance(const Context& c, const Vec3f& direction, float pdf_bsdf);
+/// The vertex that a ray was sent from, as far as light sampling there could have found
+/// what the ray meets.
+struct Origin {
+    LightReceiver receiver;
+    float pdf_bsdf =
+        0.0f;  ///< density of the ray's direction; 0: only the BSDF could find it
+};
 
-/// Emitted radiance at a surface met by a ray from `from`, weighted as above.
-Vec3f met_radiance(const Context& c, const Surface& s, const Vec3f& from,
-                   const Vec3f& direction, float pdf_bsdf);
+/// The receiver that lights are chosen for at a surface.
+LightReceiver receiver_of(const Surface& s, const Bsdf& bsdf);
+
+/// Radiance from beyond the scene, with the weight that the sampling of each light leaves
+/// it.
+Vec3f escaped_radiance(const Context& c, const Vec3f& direction, const Origin& origin);
+
+/// Emitted radiance at a surface met, weighted as above.
+Vec3f met_radiance(const Context& c, const Surface& s, const Vec3f& direction,
+                   const Origin& origin);
 
 /// Light from one sampled light, reflected into dir_out, weighted against the BSDF's own
 /// sampling.

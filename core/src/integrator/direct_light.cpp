@@ -62,39 +62,44 @@ float weight_of_light(const Context& c, const LightSample& light, float pdf_ligh
 
 }  // namespace
 
-Vec3f escaped_radiance(const Context& c, const Vec3f& direction, float pdf_bsdf) {
+LightReceiver receiver_of(const Surface& s, const Bsdf& bsdf) {
+    return {s.p, is_transmissive(bsdf) ? Vec3f{} : s.shading.n};
+}
+
+Vec3f escaped_radiance(const Context& c, const Vec3f& direction, const Origin& origin) {
     Vec3f sum;
-    for (const std::uint32_t index : c.scene.infinite_lights) {
+    for (const std::uint32_t index : c.scene.far_lights) {
         const auto* light = std::get_if<EnvironmentLight>(&c.scene.lights[index]);
         if (light == nullptr) {
             continue;
         }
         const Vec3f radiance = environment_radiance(*light, c.scene.textures, direction);
-        if (pdf_bsdf <= 0.0f) {
+        if (origin.pdf_bsdf <= 0.0f) {
             sum += radiance;
             continue;
         }
-        const float pdf =
-            pdf_environment(*light, direction) * c.scene.light_choice.pmf(index);
-        sum += radiance * weight_of_bsdf(c, pdf_bsdf, pdf);
+        const float pdf = pdf_environment(*light, direction) *
+                          pmf_of_light(c.scene, origin.receiver, index);
+        sum += radiance * weight_of_bsdf(c, origin.pdf_bsdf, pdf);
     }
     return sum;
 }
 
-Vec3f met_radiance(const Context& c, const Surface& s, const Vec3f& from,
-                   const Vec3f& direction, float pdf_bsdf) {
+Vec3f met_radiance(const Context& c, const Surface& s, const Vec3f& direction,
+                   const Origin& origin) {
     if (s.emission == no_index) {
         return Vec3f(0.0f);
     }
     const bool front = dot(s.normal, direction) < 0.0f;
     const Vec3f radiance = emitted_radiance(c.scene, s.emission, s.uv, front);
-    if (pdf_bsdf <= 0.0f) {
+    if (origin.pdf_bsdf <= 0.0f || max_component(radiance) <= 0.0f) {
         return radiance;
     }
+    const Vec3f& from = origin.receiver.p;
     const float pdf =
         pdf_light(c.scene.lights[s.light], from, direction, length(s.p - from)) *
-        c.scene.light_choice.pmf(s.light);
-    return radiance * weight_of_bsdf(c, pdf_bsdf, pdf);
+        pmf_of_light(c.scene, origin.receiver, s.light);
+    return radiance * weight_of_bsdf(c, origin.pdf_bsdf, pdf);
 }
 
 Vec3f sample_direct_light(const Context& c, const Surface& s, const Bsdf& bsdf,
@@ -102,15 +107,15 @@ Vec3f sample_direct_light(const Context& c, const Surface& s, const Bsdf& bsdf,
     if (c.scene.lights.empty()) {
         return Vec3f(0.0f);
     }
-    // Choose a light by its power, and a direction towards it.
+    // Choose a light by what it may contribute here, and a direction towards it.
     const Sample4<float> u = c.draw(light_group(vertex));
-    float remapped;
-    const std::uint32_t index = c.scene.light_choice.sample(u[0], remapped);
-    const float pmf = c.scene.light_choice.pmf(index);
+    const LightTree::Choice choice = choose_light(c.scene, receiver_of(s, bsdf), u[0]);
+    if (choice.pmf <= 0.0f) {
+        return Vec3f(0.0f);
+    }
     const LightSample light =
-        sample_light(c.scene, c.scene.lights[index], s.p, u[1], u[2]);
-    if (pmf <= 0.0f || !(light.pdf_solid_angle > 0.0f) ||
-        max_component(light.radiance) <= 0.0f) {
+        sample_light(c.scene, c.scene.lights[choice.light], s.p, u[1], u[2]);
+    if (!(light.pdf_solid_angle > 0.0f) || max_component(light.radiance) <= 0.0f) {
         return Vec3f(0.0f);
     }
 
@@ -120,7 +125,7 @@ Vec3f sample_direct_light(const Context& c, const Surface& s, const Bsdf& bsdf,
     if (max_component(f.value) <= 0.0f || !visible(c, s, light, light_group(vertex))) {
         return Vec3f(0.0f);
     }
-    const float pdf = light.pdf_solid_angle * pmf;
+    const float pdf = light.pdf_solid_angle * choice.pmf;
     const float weight = weight_of_light(c, light, pdf, f.pdf_solid_angle);
     return f.value * light.radiance * (weight / pdf);
 }

@@ -9,19 +9,17 @@ Vec3f estimate_path(const Context& c, const Ray& camera_ray, FirstHit& first) {
     Vec3f radiance;
     Vec3f throughput(1.0f);
     float eta_scale = 1.0f;  // of the radiance, by the refractions so far
-    float pdf_bsdf =
-        0.0f;  // of the last direction; 0 if no light sample could have found it
-    Vec3f previous = camera_ray.origin;
+    Origin origin;           // of the ray; no light sample finds what the camera sees
     Ray ray = camera_ray;
 
     for (int depth = 1;; ++depth) {
         // Follow the ray; whatever glows at its end is the emission of this path length.
         const Hit hit = trace(c, ray, bsdf_group(depth));
         if (!hit.valid()) {
-            return radiance + throughput * escaped_radiance(c, ray.direction, pdf_bsdf);
+            return radiance + throughput * escaped_radiance(c, ray.direction, origin);
         }
         const Surface s = make_surface(c.scene, hit, ray);
-        radiance += throughput * met_radiance(c, s, previous, ray.direction, pdf_bsdf);
+        radiance += throughput * met_radiance(c, s, ray.direction, origin);
         const Bsdf bsdf = make_bsdf(*s.material, c.scene.textures, s.uv);
         if (depth == 1) {
             first = first_hit_of(s, bsdf);
@@ -44,8 +42,7 @@ Vec3f estimate_path(const Context& c, const Ray& camera_ray, FirstHit& first) {
             return radiance;
         }
         eta_scale *= next.eta;
-        pdf_bsdf = next.specular ? 0.0f : next.pdf_solid_angle;
-        previous = s.p;
+        origin = {receiver_of(s, bsdf), next.specular ? 0.0f : next.pdf_solid_angle};
         ray = spawn_ray(s, normalize(s.shading.to_world(next.dir_in)));
         ++c.counts.bounce;
 

@@ -27,29 +27,30 @@ Vec3f direct_light(const Context& c, const Surface& s, const Bsdf& bsdf,
     const auto count = static_cast<std::uint32_t>(c.scene.lights.size());
     const bool every = count <= all_lights;
     const std::uint32_t shadow_rays = every ? count : all_lights;
+    const LightReceiver receiver = receiver_of(s, bsdf);
     Vec3f sum;
     for (std::uint32_t i = 0; i < shadow_rays; ++i) {
         const std::uint32_t group = 1u + node * all_lights + i;
         const Sample4<float> u = c.draw(group);
-        float remapped;
         const float stratum =
             (static_cast<float>(i) + u[0]) / static_cast<float>(shadow_rays);
-        const std::uint32_t index =
-            every
-                ? i
-                : c.scene.light_choice.sample(min(stratum, one_minus_epsilon), remapped);
-        const float expected =
-            every ? 1.0f
-                  : static_cast<float>(shadow_rays) * c.scene.light_choice.pmf(index);
+        LightTree::Choice choice{i, 1.0f};
+        if (!every) {
+            choice = choose_light(c.scene, receiver, min(stratum, one_minus_epsilon));
+            choice.pmf *= static_cast<float>(shadow_rays);
+        }
+        if (choice.pmf <= 0.0f) {
+            continue;
+        }
         const LightSample light =
-            sample_light(c.scene, c.scene.lights[index], s.p, u[1], u[2]);
+            sample_light(c.scene, c.scene.lights[choice.light], s.p, u[1], u[2]);
         if (!(light.pdf_solid_angle > 0.0f) || max_component(light.radiance) <= 0.0f) {
             continue;
         }
         const BsdfValue<float> f =
             evaluate(bsdf, dir_out, s.shading.to_local(light.direction));
         if (max_component(f.value) > 0.0f && visible(c, s, light, group)) {
-            sum += f.value * light.radiance / (light.pdf_solid_angle * expected);
+            sum += f.value * light.radiance / (light.pdf_solid_angle * choice.pmf);
         }
     }
     return sum;
@@ -108,12 +109,12 @@ Vec3f estimate_whitted(const Context& c, const Ray& camera_ray, FirstHit& first)
         const Branch branch = stack[static_cast<std::size_t>(--size)];
         const Hit hit = trace(c, branch.ray, 0x80000000u + node);
         if (!hit.valid()) {
-            radiance += branch.weight * escaped_radiance(c, branch.ray.direction, 0.0f);
+            radiance +=
+                branch.weight * escaped_radiance(c, branch.ray.direction, Origin{});
             continue;
         }
         const Surface s = make_surface(c.scene, hit, branch.ray);
-        const Vec3f seen =
-            met_radiance(c, s, branch.ray.origin, branch.ray.direction, 0.0f);
+        const Vec3f seen = met_radiance(c, s, branch.ray.direction, Origin{});
         radiance += branch.weight * seen;
         const Bsdf bsdf = make_bsdf(*s.material, c.scene.textures, s.uv);
         if (node == 0) {

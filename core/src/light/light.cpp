@@ -127,28 +127,53 @@ LightSample Sample::operator()(const SphereLight& light) const {
             false};
 }
 
-struct Power {
+/// Bounds and power of the lights in the scene; power 0 for those beyond it.
+struct BoundsOf {
     const Scene& scene;
 
-    float surface(std::uint32_t emission, float area) const {
+    float surface_power(std::uint32_t emission, float area) const {
         const Emission& e = scene.emissions[emission];
         const float sides = e.two_sided ? 2.0f : 1.0f;
         return luminance(average(e.radiance, scene.textures)) * area * pi * sides;
     }
-    float operator()(const PointLight& l) const {
-        return 4.0f * pi * luminance(l.intensity);
+    LightBounds operator()(const PointLight& l) const {
+        LightBounds b{{},   4.0f * pi * luminance(l.intensity), {0, 0, 1}, -1.0f, 0.0f,
+                      false};
+        b.bounds.add(l.position);
+        return b;
     }
-    float operator()(const SpotLight& l) const {
-        return two_pi * (1.0f - 0.5f * (l.cos_inner + l.cos_outer)) *
-               luminance(l.intensity);
+    LightBounds operator()(const SpotLight& l) const {
+        const float solid_angle = two_pi * (1.0f - 0.5f * (l.cos_inner + l.cos_outer));
+        LightBounds b{
+            {}, solid_angle * luminance(l.intensity), l.axis, 1.0f, l.cos_outer, false};
+        b.bounds.add(l.position);
+        return b;
     }
-    float operator()(const DirectionalLight& l) const { return luminance(l.irradiance); }
-    float operator()(const EnvironmentLight& l) const { return l.power; }
-    float operator()(const TriangleLight& l) const { return surface(l.emission, l.area); }
-    float operator()(const SphereLight& l) const {
-        return surface(l.emission, 4.0f * pi * sqr(l.radius));
+    LightBounds operator()(const TriangleLight& l) const {
+        LightBounds b{{},   surface_power(l.emission, l.area),    l.normal, 1.0f,
+                      0.0f, scene.emissions[l.emission].two_sided};
+        b.bounds.add(l.p0);
+        b.bounds.add(l.p0 + l.edge1);
+        b.bounds.add(l.p0 + l.edge2);
+        return b;
     }
+    LightBounds operator()(const SphereLight& l) const {
+        const float area = 4.0f * pi * sqr(l.radius);
+        LightBounds b{{}, surface_power(l.emission, area), {0, 0, 1}, -1.0f, 0.0f, false};
+        b.bounds.add(l.center - Vec3f(l.radius));
+        b.bounds.add(l.center + Vec3f(l.radius));
+        return b;
+    }
+    LightBounds operator()(const DirectionalLight&) const { return {}; }
+    LightBounds operator()(const EnvironmentLight&) const { return {}; }
 };
+
+float far_power(const Light& light) {
+    if (const auto* environment = std::get_if<EnvironmentLight>(&light)) {
+        return environment->power;
+    }
+    return luminance(std::get<DirectionalLight>(light).irradiance);
+}
 
 bool is_infinite(const Light& light) {
     return std::holds_alternative<DirectionalLight>(light) ||
@@ -263,22 +288,45 @@ void prepare_lights(Scene& scene) {
         scene.instance_light_offset.push_back(add_surface_lights(
             scene, scene.groups[instance.group], instance.world_from_group));
     }
-    // Power compares lights within the scene with each other, and those beyond it with
-    // each other; between the two kinds the choice is even.
-    std::vector<float> weights(scene.lights.size());
-    double near_sum = 0, far_sum = 0;
-    for (std::size_t i = 0; i < weights.size(); ++i) {
-        weights[i] = std::visit(Power{scene}, scene.lights[i]);
-        (is_infinite(scene.lights[i]) ? far_sum : near_sum) += weights[i];
+    std::vector<LightBounds> near_bounds;
+    std::vector<float> far_powers;
+    for (std::uint32_t i = 0; i < scene.lights.size(); ++i) {
+        near_bounds.push_back(std::visit(BoundsOf{scene}, scene.lights[i]));
         if (is_infinite(scene.lights[i])) {
-            scene.infinite_lights.push_back(static_cast<std::uint32_t>(i));
+            scene.far_lights.push_back(i);
+            far_powers.push_back(far_power(scene.lights[i]));
         }
     }
-    for (std::size_t i = 0; i < weights.size(); ++i) {
-        const double sum = is_infinite(scene.lights[i]) ? far_sum : near_sum;
-        weights[i] = sum > 0 ? static_cast<float>(weights[i] / sum) : 0.0f;
+    scene.near_lights = LightTree(near_bounds);
+    scene.far_choice = AliasTable(far_powers);
+    // Power within the scene and irradiance from beyond it do not compare: the choice is
+    // even.
+    scene.far_share = scene.far_lights.empty()    ? 0.0f
+                      : scene.near_lights.empty() ? 1.0f
+                                                  : 0.5f;
+}
+
+LightTree::Choice choose_light(const Scene& scene, const LightReceiver& receiver,
+                               float u) {
+    if (u < scene.far_share) {
+        float remapped;
+        const std::uint32_t i = scene.far_choice.sample(u / scene.far_share, remapped);
+        return {scene.far_lights[i], scene.far_share * scene.far_choice.pmf(i)};
     }
-    scene.light_choice = AliasTable(weights);
+    const float rest = (u - scene.far_share) / (1.0f - scene.far_share);
+    LightTree::Choice choice = scene.near_lights.sample(receiver, rest);
+    choice.pmf *= 1.0f - scene.far_share;
+    return choice;
+}
+
+float pmf_of_light(const Scene& scene, const LightReceiver& receiver,
+                   std::uint32_t light) {
+    for (std::uint32_t i = 0; i < scene.far_lights.size(); ++i) {
+        if (scene.far_lights[i] == light) {
+            return scene.far_share * scene.far_choice.pmf(i);
+        }
+    }
+    return (1.0f - scene.far_share) * scene.near_lights.pmf(receiver, light);
 }
 
 }  // namespace raykiln

@@ -4,6 +4,14 @@
 
 namespace raykiln {
 
+/// Chooses a light for a receiver by what it may contribute there: beyond the scene by
+/// power, in it by the light tree. A probability of 0: no light reaches the receiver.
+LightTree::Choice choose_light(const Scene& scene, const LightReceiver& receiver,
+                               float u);
+/// The probability with which `choose_light` returns a light.
+float pmf_of_light(const Scene& scene, const LightReceiver& receiver,
+                   std::uint32_t light);
+
 /// A point on a light as seen from a surface point.
 struct LightSample {
     Vec3f direction;  ///< unit, away from the surface point

@@ -2,25 +2,15 @@
 
 #include <vector>
 
+#include "math/bounds.h"
 #include "sampling/distribution.h"
+#include "sampling/light_tree.h"
 #include "scene/camera.h"
 #include "scene/light.h"
 #include "scene/material.h"
 #include "scene/shape.h"
 
 namespace raykiln {
-
-/// Axis-aligned bounds.
-struct Bounds {
-    Vec3f low{infinity, infinity, infinity};
-    Vec3f high{-infinity, -infinity, -infinity};
-
-    void add(const Vec3f& p) {
-        low = {min(low.x, p.x), min(low.y, p.y), min(low.z, p.z)};
-        high = {max(high.x, p.x), max(high.y, p.y), max(high.z, p.z)};
-    }
-    bool empty() const { return !(low.x <= high.x); }
-};
 
 /// All that is rendered, as plain data. Build the parts, then call `prepare_lights`.
 struct Scene {
@@ -33,8 +23,12 @@ struct Scene {
         lights;  ///< given ones first, then one for each emissive triangle, sphere
 
     // Made by prepare_lights.
-    AliasTable light_choice;
-    std::vector<std::uint32_t> infinite_lights;
+    LightTree
+        near_lights;  ///< over `lights`; those beyond the scene never come out of it
+    AliasTable far_choice;  ///< over `far_lights`
+    std::vector<std::uint32_t>
+        far_lights;          ///< beyond the scene: environments, directional
+    float far_share = 0.0f;  ///< probability of choosing among those
     /// First light of a geometry of group 0: `light_offset[geometry]`; of one in an
     /// instance: `instance_light_offset[instance][geometry]`; no_index where it does not
     /// emit.
