@@ -44,12 +44,16 @@ class Channel:
         return self._stops.get(token)
 
     def _listen(self) -> None:
-        for line in sys.stdin.buffer:
-            message = json.loads(line)
-            if message["type"] == "stop":
-                self._stops[message["token"]] = message["reason"]
-            else:
-                self.inbox.put(message)
+        # Not by sys.stdin: its lock, held while waiting, would abort a Python that exits.
+        rest = b""
+        while piece := os.read(0, 1 << 16):
+            *lines, rest = (rest + piece).split(b"\n")
+            for line in lines:
+                message = json.loads(line)
+                if message["type"] == "stop":
+                    self._stops[message["token"]] = message["reason"]
+                else:
+                    self.inbox.put(message)
         os._exit(0)
 
 

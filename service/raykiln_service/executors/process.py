@@ -54,8 +54,12 @@ class JsonChild:
             stderr=subprocess.PIPE,
             start_new_session=True,
         ).result()
-        for target in (self._read_messages, self._read_lines):
-            threading.Thread(target=target, daemon=True, name=f"raykiln-{target.__name__}").start()
+        self._readers = [
+            threading.Thread(target=target, daemon=True)
+            for target in (self._read_messages, self._read_lines)
+        ]
+        for reader in self._readers:
+            reader.start()
 
     @property
     def pid(self) -> int:
@@ -96,6 +100,9 @@ class JsonChild:
         with self._write_lock, contextlib.suppress(OSError):
             assert self._process.stdin is not None
             self._process.stdin.close()
+        for reader in self._readers:
+            # What it said last tells why it ended.
+            reader.join(1.0)
         if code < 0:
             with contextlib.suppress(ValueError):
                 return f"ended by {signal.Signals(-code).name}"

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from raykiln.image import read_exr_layers
 
-
 SETTINGS = {"width": 96, "height": 64, "spp": 160, "seed": 7, "aovs": ["albedo"]}
 
 
@@ -133,9 +132,11 @@ def test_a_job_whose_child_always_dies_fails_with_the_reason(
     for attempt in (1, 2):
         server.wait_for(
             job_id,
-            lambda view, n=attempt: view["attempts"] == n
-            and view["state"] == "running"
-            and view["progress"]["phase"] == "render",
+            lambda view, n=attempt: (
+                view["attempts"] == n
+                and view["state"] == "running"
+                and view["progress"]["phase"] == "render"
+            ),
         )
         for pid in render_children(server):
             os.kill(pid, signal.SIGKILL)

@@ -101,7 +101,12 @@ def test_retry(store: Store, ended: str) -> None:
     else:
         store.end_cancelled(lease, RESULT)
     job = store.retry("job-1")
-    assert (job.state, job.error, job.result, job.finished_ms) == (JobState.QUEUED, None, None, None)
+    assert (job.state, job.error, job.result, job.finished_ms) == (
+        JobState.QUEUED,
+        None,
+        None,
+        None,
+    )
     assert claim(store).attempt == 2
 
 
