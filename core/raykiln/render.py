@@ -12,7 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from raykiln import _core, checkpoint as checkpoints
+from raykiln import _core
+from raykiln import checkpoint as checkpoints
+from raykiln import denoise as denoising
 from raykiln.compile import CompiledScene, compile_scene
 from raykiln.errors import SettingsError
 from raykiln.result import Pixels, RenderResult, RenderStats
@@ -131,6 +133,8 @@ def render(
     resolved = (settings or RenderSettings()).over(scene.settings)
     if resume and checkpoint is None:
         raise SettingsError("resume: needs a checkpoint file to resume from")
+    if resolved.denoise:
+        denoising.require()
     compiled = compile_scene(scene, resolved)
     job = _Job(compiled, resolved, on_progress)
     if checkpoint is not None:
@@ -319,10 +323,8 @@ def _mean(sums: Any, counts: Any) -> Pixels:
 
 
 def _denoise(result: RenderResult, keep: tuple[str, ...]) -> None:
-    from raykiln.denoise import denoise
-
     start = time.perf_counter()
-    result.image = denoise(result.image, result.aovs["albedo"], result.aovs["normal"])
+    result.image = denoising.denoise(result.image, result.aovs["albedo"], result.aovs["normal"])
     result.aovs = {name: layer for name, layer in result.aovs.items() if name in keep}
     result.stats.denoise_s = time.perf_counter() - start
 
