@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import pty
@@ -18,7 +19,7 @@ from typing import Any
 import numpy as np
 import pytest
 from raykiln.image import read_image
-from raykiln_service.client import Client
+from raykiln_service.client import AsyncClient, Client, Event, ServerError
 
 from .support import COMMAND, Ran, Run, raykiln_process, write_scene
 from .test_packing import write_bundle
@@ -31,25 +32,25 @@ class Service:
     """A running service."""
 
     url: str
-    process: subprocess.Popen[str]
+    process: subprocess.Popen[bytes]
 
 
 def serve(folder: Path, *arguments: str) -> Service:
     """Start `raykiln serve` on a free port and wait until it serves."""
-    process = subprocess.Popen(
-        [*COMMAND, "serve", "--port", "0", "--data-dir", str(folder), *arguments],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-    )
-    assert process.stdout is not None
-    for line in process.stdout:
-        if match := re.search(r"raykiln serving on (http://\S+)", line):
-            drain = threading.Thread(target=process.stdout.read, daemon=True)
-            drain.start()
+    folder.mkdir(exist_ok=True)
+    log = folder / f"serve-{time.monotonic_ns()}.log"
+    with log.open("wb") as output:
+        process = subprocess.Popen(
+            [*COMMAND, "serve", "--port", "0", "--data-dir", str(folder), *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+        )
+    while process.poll() is None:
+        if match := re.search(r"raykiln serving on (http://\S+)", log.read_text()):
             return Service(match[1], process)
-    raise AssertionError(f"the service did not start (exit code {process.wait()})")
+        time.sleep(0.02)
+    raise AssertionError(f"the service did not start:\n{log.read_text()}")
 
 
 def stop(service: Service) -> int:
@@ -162,6 +163,25 @@ def test_list_pages(remote: Run) -> None:
     assert [entry["id"] for entry in listed] == jobs[:0:-1]
 
 
+def test_the_asynchronous_client_does_the_same(service: Service, tmp_path: Path) -> None:
+    events: list[Event] = []
+
+    async def run() -> None:
+        async with AsyncClient(service.url) as client:
+            assert "cornell_box" in [scene["name"] for scene in await client.scenes()]
+            job = await client.submit({"name": "cornell_box"}, {"width": 8, "height": 8, "spp": 1})
+            job = await client.wait(job.id, on_event=events.append)
+            assert job.state == "succeeded"
+            await client.download(job.id, "image.png", tmp_path / "a.png")
+            await client.delete(job.id)
+            with pytest.raises(ServerError, match=job.id):
+                await client.job(job.id)
+
+    asyncio.run(run())
+    assert read_image(tmp_path / "a.png").shape[:2] == (8, 8)
+    assert events[-1].data["state"] == "succeeded"
+
+
 def test_cancel(remote: Run, service: Service, long_job: str) -> None:
     wait_for_state(service, long_job, "running")
     assert remote("cancel", long_job).code == 0
@@ -230,18 +250,27 @@ def test_a_token_is_needed_and_taken_from_the_environment(
         stop(running)
 
 
-def test_serve_refuses_what_it_cannot_do(raykiln: Run, tmp_path: Path, service: Service) -> None:
-    for line, message in (
-        (("--host", "0.0.0.0"), "token"),
-        (("--port", service.url.rsplit(":", 1)[1]), "port"),
-        (("--port", "70000"), "port"),
-        (("--slots", "0"), "slots"),
-        (("--executor", "magic"), "executor"),
-        (("--data-dir", "/dev/null/x"), "/dev/null/x"),
-    ):
-        ran = raykiln_process("serve", "--data-dir", tmp_path / "d", *line, cwd=tmp_path)
-        assert ran.code == 2, (line, ran)
-        assert message in ran.err.splitlines()[-1]
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        (["--host", "0.0.0.0"], "token"),
+        (["--port", "70000"], "port"),
+        (["--slots", "0"], "slots"),
+        (["--executor", "magic"], "executor"),
+        (["--data-dir", "/dev/null/x"], "/dev/null/x"),
+    ],
+)
+def test_serve_refuses_what_it_cannot_do(raykiln: Run, line: list[str], message: str) -> None:
+    ran = raykiln("serve", "--data-dir", "d", *line)
+    assert ran.code == 2
+    assert message in ran.error
+
+
+def test_serve_refuses_a_port_that_is_taken(service: Service, tmp_path: Path) -> None:
+    port = service.url.rsplit(":", 1)[1]
+    ran = raykiln_process("serve", "--data-dir", "d", "--port", port, cwd=tmp_path)
+    assert ran.code == 2
+    assert port in ran.error
 
 
 def test_serve_ends_on_sigterm(tmp_path: Path) -> None:
@@ -326,7 +355,7 @@ def test_a_wait_survives_a_restart_of_the_service(tmp_path: Path) -> None:
 
     try:
         with Client(first.url) as client:
-            settings = {"width": 256, "height": 256, "spp": 256}
+            settings = {"width": 96, "height": 96, "spp": 256}
             job = client.submit({"name": "cornell_box"}, settings).id
         watcher = threading.Thread(target=wait)
         watcher.start()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 import typer
 
@@ -25,6 +25,7 @@ from raykiln_service.files import write_json
 
 if TYPE_CHECKING:
     from raykiln import RenderResult, RenderSettings
+    from raykiln.image import View
 
 VIEWS = ("srgb", "agx", "aces", "raw")
 _IMAGES = (".exr", ".png")
@@ -181,7 +182,7 @@ def _write(
 
     for path in targets:
         try:
-            result.save(path, exposure=exposure, view=view, half=half)
+            result.save(path, exposure=exposure, view=cast("View", view), half=half)
         except (OSError, ImageError) as error:
             raise CommandError(f"{path}: cannot write: {error}", ExitCode.FAILED) from None
     if stats is not None:
