@@ -50,7 +50,8 @@ def _from_packed(value: dict[str, Any]) -> NDArray[Any]:
 
 def encode(array: NDArray[Any]) -> Any:
     """The JSON form of an array: nested lists if short, else packed."""
-    if array.size <= LIST_LIMIT:
+    # 8- and 16-bit images are packed whatever their size: a list would come back as float32.
+    if array.size <= LIST_LIMIT and array.dtype not in (np.uint8, np.uint16):
         return array.tolist()
     raw = zlib.compress(np.ascontiguousarray(array).tobytes(), 6)
     return {

@@ -86,7 +86,9 @@ def pointer_of(location: tuple[int | str, ...], data: object = None) -> str:
             data = data[part]
         elif isinstance(data, list | tuple) and isinstance(part, int) and part < len(data):
             data = data[part]
-        elif data is not None and not (isinstance(data, dict) and i == len(location) - 1):
+        elif data is not None and not (
+            isinstance(data, dict) and i == len(location) - 1 and data.get("type") != part
+        ):
             continue
         parts.append(part)
     return "".join("/" + str(p).replace("~", "~0").replace("/", "~1") for p in parts)
