@@ -12,6 +12,7 @@ from format_support import LoadText
 from raykiln.formats import load
 from raykiln.scene import Scene
 
+
 @pytest.fixture
 def load_text(tmp_path: Path) -> LoadText:
     """Write a text as a file and load it; further keyword texts are written beside it."""

@@ -45,7 +45,9 @@ def corners(mesh: Mesh) -> list[list[list[float]]]:
 def test_all_ways_to_write_a_face(load_text: LoadText, face: str) -> None:
     (mesh,) = meshes(load_text("a.obj", SQUARE + face + "\n"))
     assert corners(mesh) == [[[0, 0, 0], [1, 0, 0], [1, 1, 0]]]
-    assert (mesh.uvs is not None) == (face.count("/") >= 3 and "//" not in face and "/ " not in face)
+    assert (mesh.uvs is not None) == (
+        face.count("/") >= 3 and "//" not in face and "/ " not in face
+    )
     assert (mesh.normals is not None) == ("//" in face or face.count("/") == 6)
 
 
