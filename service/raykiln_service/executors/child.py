@@ -72,7 +72,7 @@ class Rendering:
         import raykiln as rk
 
         checkpoint = Path(self._task["checkpoint"])
-        options = {
+        options: dict[str, Any] = {
             "checkpoint": checkpoint,
             "checkpoint_interval_s": float(self._task["checkpoint_interval_s"]),
         }

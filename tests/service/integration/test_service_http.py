@@ -125,7 +125,8 @@ def test_pages_and_filters(client: httpx.Client, server: Any, ball: dict[str, An
     ]
     found, cursor = [], None
     while True:
-        params = {"label": "page", "limit": 2} | ({} if cursor is None else {"cursor": cursor})
+        params: dict[str, Any] = {"label": "page", "limit": 2}
+        params |= {} if cursor is None else {"cursor": cursor}
         page = client.get("/v1/jobs", params=params).json()
         found += [job["id"] for job in page["items"]]
         cursor = page["next_cursor"]

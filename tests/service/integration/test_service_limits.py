@@ -31,7 +31,7 @@ def small(module_serve: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
 
 def test_no_call_without_the_token(small: Any) -> None:
     for header in (None, "Bearer wrong", "Basic open sesame", "Bearer", "Bearer sésame"):
-        headers = {} if header is None else {"Authorization": header.encode()}
+        headers = [] if header is None else [(b"Authorization", header.encode())]
         reply = httpx.get(f"{small.url}/v1/jobs", headers=headers)
         assert reply.status_code == 401
         assert reply.headers["WWW-Authenticate"].startswith("Bearer")

@@ -104,7 +104,7 @@ FILES: dict[str, tuple[str, bytes]] = {
     "broken JSON": ("a.json", b'{"version": 1, "shapes": ['),
     "broken glTF": (
         "a.gltf",
-        b'{"asset": {"version": "2.0"}, "nodes": [{"mesh": 3}], "scenes": 1}',
+        b'{"asset": {"version": "2.0"}, "nodes": [{"mesh": 3}]}',
     ),
     "broken glb": ("a.glb", b"glTF\x02\x00\x00\x00\xff\xff\xff\xff" + b"x" * 40),
     "broken XML": ("a.xml", b'<scene version="3.0.0"><shape type="sphere"></scene>'),
