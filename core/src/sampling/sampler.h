@@ -33,13 +33,19 @@ inline Sample4<F> sobol_sample(const SampleKey<F>& key, std::uint32_t group) {
     using U = Uint<F>;
     const U seed = hash_combine(key.pixel, U(group));
     // Shuffling the index decorrelates the groups and keeps the net property of each.
-    const U index = reverse_bits(owen_hash_reversed(reverse_bits(key.index), seed));
+    // Within blocks of 2^16 samples: bits above those would only add to the scrambling.
+    const U low(0xffffu);
+    const U shuffled = reverse_bits(owen_hash_reversed(reverse_bits(key.index), seed));
+    const U index = (shuffled & low) | (key.index & ~low);
+    std::array<U, 4> x = sobol_point_reversed(index);
     Sample4<F> out;
-    for (int d = 0; d < 4; ++d) {
+    for (std::size_t d = 0; d < 4; ++d) {
         const U dimension_seed =
             hash_combine(seed, U(static_cast<std::uint32_t>(d) + 1u));
-        const U x = owen_hash_reversed(sobol_reversed(index, d), dimension_seed);
-        out[static_cast<std::size_t>(d)] = unit_from_bits(reverse_bits(x));
+        x[d] = reverse_bits(owen_hash_reversed(x[d], dimension_seed));
+    }
+    for (std::size_t d = 0; d < 4; ++d) {
+        out[d] = unit_from_bits(x[d]);
     }
     return out;
 }

@@ -109,4 +109,46 @@ inline U sobol_reversed(U index, int dimension) {
     return x;
 }
 
+namespace detail {
+
+using SobolPoint = std::array<std::uint32_t, 4>;
+
+/// What each value of each byte of the index adds to the four coordinates.
+constexpr std::array<std::array<SobolPoint, 256>, 4> sobol_byte_table() {
+    std::array<std::array<SobolPoint, 256>, 4> table{};
+    for (std::uint32_t byte = 0; byte < 4; ++byte) {
+        for (std::uint32_t value = 0; value < 256; ++value) {
+            for (int d = 0; d < 4; ++d) {
+                table[byte][value][static_cast<std::size_t>(d)] =
+                    sobol_reversed<std::uint32_t>(value << (8 * byte), d);
+            }
+        }
+    }
+    return table;
+}
+
+inline const auto sobol_bytes = sobol_byte_table();
+
+}  // namespace detail
+
+/// All four coordinates of point `index`, bits reversed.
+inline detail::SobolPoint sobol_point_reversed(std::uint32_t index) {
+    const auto& t = detail::sobol_bytes;
+    detail::SobolPoint x{};
+    for (std::size_t d = 0; d < 4; ++d) {
+        x[d] = t[0][index & 255u][d] ^ t[1][(index >> 8) & 255u][d];
+    }
+    if (index >> 16 != 0) {
+        for (std::size_t d = 0; d < 4; ++d) {
+            x[d] ^= t[2][(index >> 16) & 255u][d] ^ t[3][index >> 24][d];
+        }
+    }
+    return x;
+}
+template <class U>
+inline std::array<U, 4> sobol_point_reversed(U index) {
+    return {sobol_reversed(index, 0), sobol_reversed(index, 1), sobol_reversed(index, 2),
+            sobol_reversed(index, 3)};
+}
+
 }  // namespace raykiln
