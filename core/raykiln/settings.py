@@ -66,8 +66,13 @@ class RenderSettings(BaseModel):
             )
         if self.crop is not None:
             x0, y0, x1, y1 = self.crop
-            if not (0 <= x0 < x1 <= self.width and 0 <= y0 < y1 <= self.height):
-                raise ValueError(f"crop must lie within the {self.width} x {self.height} image")
+            # A size that is not given may be the scene's: then `over` looks again.
+            width, height = (
+                getattr(self, name) if name in self.model_fields_set else 65536
+                for name in ("width", "height")
+            )
+            if not (0 <= x0 < x1 <= width and 0 <= y0 < y1 <= height):
+                raise ValueError(f"crop must lie within the {width} x {height} image")
         return self
 
     @classmethod
@@ -81,7 +86,8 @@ class RenderSettings(BaseModel):
     def over(self, scene_settings: dict[str, Any]) -> RenderSettings:
         """These settings, with unset fields taken from the scene's own."""
         given = {name: getattr(self, name) for name in self.model_fields_set}
-        return RenderSettings.create(**{**scene_settings, **given})
+        size = {name: RenderSettings.model_fields[name].default for name in ("width", "height")}
+        return RenderSettings.create(**{**size, **scene_settings, **given})
 
 
 def settings_error_of(error: ValidationError) -> SettingsError:

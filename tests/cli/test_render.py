@@ -62,6 +62,15 @@ def test_a_camera_is_chosen_by_name(raykiln: Run, scene: Path) -> None:
     assert not np.array_equal(read_image("front.exr"), read_image("top.exr"))
 
 
+def test_a_crop_is_measured_by_the_size_of_the_scene(raykiln: Run, tmp_path: Path) -> None:
+    large = write_scene(tmp_path / "large.json", settings={"width": 800, "height": 800, "spp": 1})
+    assert raykiln("render", large, "-o", "a.exr", "--crop", "700,600,720,610").code == 0
+    small = write_scene(tmp_path / "small.json", settings={"width": 8, "height": 8, "spp": 1})
+    ran = raykiln("render", small, "-o", "a.exr", "--crop", "0,0,9,9")
+    assert ran.code == 2
+    assert "crop must lie within the 8 x 8 image" in ran.error
+
+
 def test_the_same_seed_gives_the_same_bits_on_any_number_of_threads(
     raykiln: Run, scene: Path
 ) -> None:
@@ -105,6 +114,8 @@ def test_warnings_of_the_scene_are_said(raykiln: Run, tmp_path: Path) -> None:
         ('{"shapes": [{"type": "sphere", "material": "gold"}]}', "gold"),
         ('{"shapes": []}', "empty.json"),
         ("\x00\xff", "empty.json"),
+        ('{"settings": {"spp": 0}, "shapes": [{"type": "sphere"}]}', "/settings: spp: "),
+        ('{"settings": {"samples": 9}, "shapes": [{"type": "sphere"}]}', "/settings: samples: "),
     ],
 )
 def test_a_bad_scene_is_one_line_with_its_place(

@@ -51,10 +51,12 @@ class Item:
     """`RenderSettings` fields."""
 
     def fingerprint(self, engine_version: str, arguments: list[str]) -> str:
-        """Hash of all that decides the outputs, but for side files of the scene."""
+        """Hash of all that decides the outputs and their name, but for side files of the scene."""
         digest = hashlib.sha256(self.file.read_bytes())
         settings = {k: v for k, v in self.settings.items() if k != "threads"}
-        digest.update(json.dumps([engine_version, settings, arguments], sort_keys=True).encode())
+        digest.update(
+            json.dumps([self.name, engine_version, settings, arguments], sort_keys=True).encode()
+        )
         return digest.hexdigest()[:32]
 
 
@@ -256,7 +258,7 @@ class Batch:
 
     async def _read_lines(self, stream: asyncio.StreamReader, entry: Entry) -> None:
         entry.warnings = []
-        while line := await stream.readline():
+        while line := await _read_line(stream):
             text = one_line(line.decode(errors="replace"))
             if text.startswith('{"progress":'):
                 with contextlib.suppress(ValueError, KeyError):
@@ -276,6 +278,14 @@ class Batch:
             "scenes": [asdict(entry) for entry in self.entries],
         }
         write_json(self._folder / REPORT, report)
+
+
+async def _read_line(stream: asyncio.StreamReader) -> bytes:
+    """The next line; one that is absurdly long is replaced."""
+    try:
+        return await stream.readline()
+    except ValueError:
+        return b"(a line that is too long to show)\n"
 
 
 def _signal(child: asyncio.subprocess.Process, number: signal.Signals) -> None:

@@ -178,9 +178,10 @@ def _settings_error(error: ValidationError, place: str) -> CommandError:
     first = error.errors(include_url=False)[0]
     message = first["msg"].removeprefix("Value error, ")
     if not first["loc"]:
-        if "pixels is over the limit" in message:
-            return usage_error(place or "--size", message)
-        return CommandError(f"{place or 'settings'}: {message}")
+        # A complaint about several fields begins with the name of the first.
+        named = message.partition(" ")[0]
+        option = option_of(named) if named in RenderSettings.model_fields else "--size"
+        return CommandError(f"{place or option}: {message}")
     field = str(first["loc"][0])
     where = f"{place}: {field}" if place else option_of(field)
     if first["type"] == "extra_forbidden":

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from types import FrameType, TracebackType
-from typing import TYPE_CHECKING, Any, Protocol, Self
+from typing import TYPE_CHECKING, Any, Protocol
 
 from raykiln_service.commands.console import count, duration, print_note
 
@@ -71,14 +71,11 @@ class BarReporter(Reporter):
         self._bar = progress_bar()
         self._task = self._bar.add_task(label, total=1.0, info="")
 
-    def __enter__(self) -> Self:
-        self._bar.start()
-        return self
-
     def update(self, progress: Progress) -> None:
         info = f"{progress.spp_done}/{progress.spp} spp  {count(_rate(progress))} samples/s"
         if progress.eta_s is not None:
             info += f"  ETA {duration(progress.eta_s)}"
+        self._bar.start()
         self._bar.update(self._task, completed=progress.fraction, info=info)
 
     def __exit__(

@@ -93,9 +93,13 @@ def render(
     check_interval(checkpoint_interval)
     settings = _settings(options, settings_json)
     loaded = load(scene, base_dir)
+    to_say = [] if quiet else list(loaded.warnings)
     with graceful_stop() as stop, reporter(scene, quiet=quiet, as_json=progress_json) as shown:
 
         def on_progress(progress: raykiln.Progress) -> bool:
+            # Not before the scene is built: an error is told without them.
+            print_warnings(to_say)
+            to_say.clear()
             shown.update(progress)
             return not stop.requested
 
@@ -109,7 +113,7 @@ def render(
                 checkpoint_interval_s=checkpoint_interval,
             )
         if not quiet:
-            print_warnings(result.warnings)
+            print_warnings([text for text in result.warnings if text not in loaded.warnings])
         _write(result, targets, stats, exposure=exposure, view=view, half=half)
     if not quiet:
         _summarise(result, [*targets, *([stats] if stats else [])])

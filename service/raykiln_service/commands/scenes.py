@@ -62,7 +62,13 @@ def load(text: str, base_dir: Path | None = None) -> Scene:
 
     if base_dir is not None and not base_dir.is_dir():
         raise CommandError(f"--base-dir: no such folder (found {base_dir})")
-    return raykiln.load_scene(resolve_scene(text), base_dir=base_dir)
+    path = resolve_scene(text)
+    scene = raykiln.load_scene(path, base_dir=base_dir)
+    try:
+        raykiln.RenderSettings.create(**scene.settings)
+    except (raykiln.SettingsError, TypeError) as error:
+        raise raykiln.SceneError(str(error), file=path, pointer="/settings") from None
+    return scene
 
 
 @contextmanager
@@ -155,5 +161,6 @@ def _text(value: Any) -> str:
     if isinstance(value, list | tuple):
         return ", ".join(map(_text, value)) or "none"
     if isinstance(value, dict):
-        return ", ".join(f"{key} {_text(item)}" for key, item in value.items()) or "none"
+        given = ((key, item) for key, item in value.items() if item is not None)
+        return ", ".join(f"{key} {_text(item)}" for key, item in given) or "none"
     return str(value)
