@@ -58,7 +58,7 @@ def create_app(service: Service) -> FastAPI:
         redoc_url=None,
     )
     app.state.context = service.context
-    for part in (about, assets, jobs, events, outputs):
+    for part in (jobs, events, outputs, assets, about):
         app.include_router(part.router)
     _add_error_handlers(app)
     app.add_middleware(Guard, settings=service.settings)

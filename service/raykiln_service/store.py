@@ -75,6 +75,24 @@ class Store(LeaseStore):
             Idempotency key and hash of the request: the same key and digest return the job made
             then and False; another digest is an `IdempotencyMismatchError`.
         """
+        try:
+            return self._create_job(job_id, spec, max_attempts, max_queued, key, digest)
+        except sa.exc.IntegrityError:
+            # Another process took the key between the look and the insert.
+            known = None if key is None else self.replayed(key, digest)
+            if known is None:
+                raise
+            return known, False
+
+    def _create_job(
+        self,
+        job_id: str,
+        spec: JobSpec,
+        max_attempts: int,
+        max_queued: int,
+        key: str | None,
+        digest: str,
+    ) -> tuple[Job, bool]:
         now = self.clock()
         with self._change() as change:
             if key is not None and (known := self._replayed(change.connection, key, digest)):

@@ -177,3 +177,19 @@ def test_a_damaged_checkpoint_means_starting_over(
     assert server.wait_for_end(job_id)["state"] == "succeeded"
     assert pixels(server, job_id) == undisturbed
     assert b"starting over" in server.output(job_id, "log.txt")
+
+
+def test_the_same_on_postgresql(
+    serve: Any, ball: dict[str, Any], undisturbed: dict[str, bytes], postgres_url: str
+) -> None:
+    settings = {"database_url": postgres_url, "checkpoint_interval_s": 0.0}
+    settings |= {"lease_s": 2.0, "heartbeat_s": 0.5}
+    server = serve(**settings)
+    job_id = server.submit(scene={"inline": ball}, settings=SETTINGS)["id"]
+    server.wait_for(job_id, lambda view: (view["progress"]["spp_done"] or 0) >= 4)
+    server.kill_all()
+    server = serve(**settings)
+    # The lease of the dead service has to run out: others may share the database.
+    job = server.wait_for_end(job_id)
+    assert (job["state"], job["attempts"], job["interruptions"]) == ("succeeded", 2, 1)
+    assert pixels(server, job_id) == undisturbed

@@ -249,7 +249,6 @@ def test_a_cancelled_job_stays_cancelled_when_the_service_went_away(store: Store
         "lease_token = 'x'",
         "error = '{}'",
         "attempts = -1",
-        "attempts = 'many'",
         "cancel_requested = 2",
     ],
 )
@@ -271,8 +270,8 @@ def test_a_transaction_that_breaks_leaves_nothing(store: Store) -> None:
     assert len(store.events_after("job-1", 0)) == 1
 
 
-def test_readers_cannot_write(store: Store) -> None:
-    with pytest.raises(sa.exc.OperationalError), store.database.read() as connection:
+def test_readers_cannot_write(sqlite_store: Store) -> None:
+    with pytest.raises(sa.exc.OperationalError), sqlite_store.database.read() as connection:
         connection.execute(sa.text("DELETE FROM jobs"))
 
 
@@ -370,13 +369,13 @@ def test_assets_are_noted_once(store: Store, clock: object) -> None:
 # The database itself.
 
 
-def test_the_migrations_make_the_tables_of_the_code(store: Store) -> None:
+def test_the_migrations_make_the_tables_of_the_code(sqlite_store: Store) -> None:
     declared = sa.create_engine("sqlite://")
     metadata.create_all(declared)
     with declared.connect() as connection:
         wanted = _schema(connection)
     declared.dispose()
-    with store.database.read() as connection:
+    with sqlite_store.database.read() as connection:
         found = _schema(connection)
     del found["alembic_version"]
     assert found == wanted
@@ -394,8 +393,8 @@ def test_a_second_migration_changes_nothing(store: Store) -> None:
     assert store.job("job-1").state is JobState.QUEUED
 
 
-def test_sqlite_is_set_up_to_lose_nothing(store: Store) -> None:
-    with store.database.write() as connection:
+def test_sqlite_is_set_up_to_lose_nothing(sqlite_store: Store) -> None:
+    with sqlite_store.database.write() as connection:
         found = {
             name: connection.exec_driver_sql(f"PRAGMA {name}").scalar()
             for name in ("journal_mode", "synchronous", "foreign_keys")
