@@ -11,7 +11,7 @@ from importlib import import_module
 from pathlib import Path
 
 FOLDER = Path(__file__).parent
-SCENES = sorted(path.stem for path in FOLDER.glob("*.py") if path.stem not in {"__main__", "kit"})
+SCENES = sorted(path.stem for path in FOLDER.glob("*.py") if path.stem not in {"__main__", "glb", "kit", "paint"})
 
 
 def main() -> None:

@@ -14,10 +14,10 @@ from kit import placement, rows, scene_json
 
 LAMPS = 1000
 LAMP_RADIUS = 0.03
-LAMP_RADIANCE = 34.0
+LAMP_RADIANCE = 24.0
 GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))
 SPACING = 0.235
-TOWERS = 150
+TOWERS = 80
 
 
 def spiral(number: float) -> tuple[float, float, float]:
@@ -32,11 +32,10 @@ def wave(distance: float) -> float:
 
 
 def color(turn: float) -> list[float]:
-    """A saturated hue; all have the same luminance."""
+    """A saturated hue; a whole turn goes once round the circle."""
     rgb = 0.5 + 0.5 * np.cos(2 * math.pi * (turn - np.array([0.0, 1 / 3, 2 / 3])))
-    rgb = 0.04 + rgb**2
-    scaled: list[float] = (rgb / (rgb @ [0.2126, 0.7152, 0.0722])).tolist()
-    return scaled
+    saturated: list[float] = (0.03 + rgb**1.5).tolist()
+    return saturated
 
 
 def lamp(number: int) -> dict[str, Any]:
@@ -58,7 +57,7 @@ def tower(number: int) -> dict[str, Any]:
     outward = np.array([x, 0.0, z]) / distance
     across = np.array([-outward[2], 0.0, outward[0]])
     center = [x, height / 2, z]
-    matrix = placement(center, 0.2 * outward, [0, height / 2, 0], -0.2 * across)
+    matrix = placement(center, 0.26 * outward, [0, height / 2, 0], -0.26 * across)
     return {"type": "cube", "material": "stone", "transform": rows(matrix)}
 
 
@@ -70,17 +69,17 @@ def build() -> dict[str, bytes]:
         "name": "A thousand lamps",
         "description": "A thousand small sphere lights of as many colours on a golden-angle "
         "spiral, over plain blocks and a glossy ground: a test of choosing lights.",
-        "settings": {"width": 768, "height": 432, "spp": 128, "max_depth": 5},
+        "settings": {"width": 768, "height": 432, "spp": 160, "max_depth": 5},
         "cameras": [
             {
                 "type": "perspective",
-                "fov_deg": 31,
-                "look_at": {"origin": [0, 5.4, 14.5], "target": [0, 0.55, 0.4]},
+                "fov_deg": 30,
+                "look_at": {"origin": [0, 6.2, 15.5], "target": [0, 0.2, 0.6]},
             }
         ],
         "materials": {
-            "stone": {"type": "diffuse", "reflectance": 0.62},
-            "ground": {"type": "plastic", "diffuse_reflectance": 0.16, "alpha": 0.12},
+            "stone": {"type": "diffuse", "reflectance": 0.8},
+            "ground": {"type": "plastic", "diffuse_reflectance": 0.3, "alpha": 0.12},
         },
         "shapes": [
             {"type": "rectangle", "name": "ground", "material": "ground", "transform": rows(ground)},
