@@ -2,8 +2,8 @@
 
 Each entry is (eta, k), the real and imaginary part of the index of refraction.  The spectra come
 from the published tables in E. D. Palik, "Handbook of Optical Constants of Solids", and the
-Luxpop and SOPRA collections, weighted with the CIE 1931 observer as `formats/spectra.py` does for
-indices.
+Luxpop and SOPRA collections, weighted with the CIE 1931 observer alone, as Mitsuba 3 does in its
+RGB modes.
 """
 
 from __future__ import annotations

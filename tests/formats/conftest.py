@@ -8,7 +8,6 @@ from typing import Any
 
 import pytest
 from format_support import LoadText
-
 from raykiln.formats import load
 from raykiln.scene import Scene
 

@@ -13,7 +13,6 @@ from gltf_builder import QUAD, TRIANGLE, Gltf, one_triangle
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
-
 from raykiln.errors import SceneError
 from raykiln.formats import load
 from raykiln.formats.gltf import _local
@@ -225,8 +224,8 @@ def test_cameras(tmp_path: Path) -> None:
     gltf = one_triangle()
     lens = {"yfov": math.radians(50), "znear": 0.1, "aspectRatio": 1.5}
     gltf.append("cameras", {"type": "perspective", "perspective": lens, "name": "front"})
-    gltf.append("cameras", {"type": "orthographic",
-                            "orthographic": {"xmag": 1, "ymag": 1, "znear": 0, "zfar": 1}})  # fmt: skip
+    flat = {"xmag": 1, "ymag": 1, "znear": 0, "zfar": 1}
+    gltf.append("cameras", {"type": "orthographic", "orthographic": flat})
     gltf.node(camera=0, translation=[0, 0, 7])
     gltf.node(camera=0)
     gltf.node(camera=1)

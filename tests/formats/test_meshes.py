@@ -6,7 +6,6 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-
 from raykiln.formats.meshes import fan, smooth_normals, triangulate
 
 

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from format_support import LoadText
 from numpy.testing import assert_array_equal
-
 from raykiln.errors import SceneError
 from raykiln.formats import load
 from raykiln.formats.native import schema

@@ -9,7 +9,6 @@ import pytest
 from format_support import LoadText
 from hypothesis import given
 from hypothesis import strategies as st
-
 from raykiln.errors import SceneError
 from raykiln.formats import obj
 from raykiln.scene import (

@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-
 from raykiln.errors import SceneError
 from raykiln.formats import load
 from raykiln.formats.ply import read_mesh

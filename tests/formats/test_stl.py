@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
 from raykiln.errors import SceneError
 from raykiln.formats import load
 from raykiln.formats.stl import read_mesh

@@ -12,6 +12,7 @@ import numpy as np
 from raykiln.errors import SceneError
 from raykiln.formats.files import MAX_FILE_BYTES, Files
 from raykiln.formats.gltf_data import GLB_MAGIC, GltfData, split_glb
+from raykiln.formats.gltf_extras import add_extras
 from raykiln.formats.gltf_materials import GltfMaterial, Materials
 from raykiln.formats.gltf_meshes import Primitive, primitives, skinned
 from raykiln.formats.gltf_textures import Textures
@@ -100,6 +101,10 @@ class _Reader:
                 self._light(lights, self.world[number])
         for mesh, numbers in placed.items():
             self._mesh(mesh, numbers)
+        if self.root.sequence("scenes"):
+            index = self.root.integer("scene", 0)
+            shown = self.root.entry("scenes", index, "/scene")
+            add_extras(shown, self.data.files, self.scene)
         self._check_unshown(set(placed))
 
     def _check_unshown(self, shown_meshes: set[int]) -> None:

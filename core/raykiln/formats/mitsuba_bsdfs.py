@@ -57,10 +57,11 @@ class Materials:
             self._names[key] = name
         return self._names[key]
 
-    def default_name(self) -> str:
-        """The name of what shapes without a BSDF are made of."""
-        name = "mitsuba_default"
-        self.context.scene.materials.setdefault(name, Diffuse(reflectance=0.5, two_sided=False))
+    def default_name(self, *, shines: bool) -> str:
+        """The name of what shapes without a BSDF are made of: lamps are black, others grey."""
+        name, reflectance = ("mitsuba_lamp", 0.0) if shines else ("mitsuba_default", 0.5)
+        default = Diffuse(reflectance=reflectance, two_sided=False)
+        self.context.scene.materials.setdefault(name, default)
         return name
 
     def material(self, owner: MitsubaObject) -> Material:

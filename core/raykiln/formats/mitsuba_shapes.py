@@ -116,6 +116,8 @@ class Shapes:
         """Whether texture coordinates matter: then the shape is made with Mitsuba's."""
         material = self.context.scene.materials[values["material"]]
         emission = values["emission"]
+        if getattr(material, "alpha_v", None) is not None:
+            return True  # roughness that differs along u and v
         fields = [*material.__dict__.values(), emission.radiance if emission else None]
         return any(isinstance(field, TextureRef | NormalMap) for field in fields)
 
@@ -184,7 +186,7 @@ class Shapes:
     def _material(self, owner: MitsubaObject) -> str:
         found = owner.tagged("bsdf")
         if not found:
-            return self.materials.default_name()
+            return self.materials.default_name(shines=bool(owner.tagged("emitter")))
         if len(found) > 1:
             self.context.warn(owner, "more than one BSDF; the last is used")
         return self.materials.name(found[-1])

@@ -1,8 +1,8 @@
 """Spectra as linear Rec.709 colours, as the RGB modes of Mitsuba 3 see them.
 
-Reflectances are seen under D65, so that a constant one is grey.  Emission and indices of
-refraction are weighted with the observer alone, so that a constant emission has the colour of the
-equal-energy illuminant.  Negative components are clamped.
+Reflectances and indices of refraction are seen under D65, so that a constant one is grey.
+Emission is weighted with the observer alone, so that a constant one has the colour of the
+equal-energy illuminant.  Negative components are clamped, and reflectances also above 1.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ def read_spd(data: bytes) -> tuple[list[float], list[float]]:
 
 
 def _rgb(sampled: NDArray[Any], role: Role) -> Color:
-    weight = _D65 if role == "reflectance" else np.ones_like(_D65)
+    weight = np.ones_like(_D65) if role == "emission" else _D65
     xyz = _OBSERVER @ (sampled * weight) / (_OBSERVER[1] @ weight)
     rgb = np.maximum(_RGB_FROM_XYZ @ xyz, 0.0)
     return _color(np.minimum(rgb, 1.0) if role == "reflectance" else rgb)
