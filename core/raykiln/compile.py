@@ -335,7 +335,10 @@ class _Compiler:
         )
         if not turned or shape.material is None:
             return False
-        return "texture" in repr(self.scene.materials[shape.material].model_dump())
+        material = self.scene.materials[shape.material]
+        if getattr(material, "alpha_v", None) is not None:
+            return True
+        return "texture" in repr(material.model_dump())
 
     def _instances(self, instance: Instance, pointer: str) -> None:
         if instance.group not in self._groups:
