@@ -78,13 +78,17 @@ class Gltf:
             document["buffers"] = [{"byteLength": len(self.binary)}]
         return document
 
-    def save_gltf(self, path: Path) -> Path:
-        """Write JSON with the buffer in a data URI."""
+    def document(self) -> dict[str, Any]:
+        """The JSON with the buffer in a data URI."""
         document = self._document()
         if self.binary:
             coded = base64.b64encode(self.binary).decode()
             document["buffers"][0]["uri"] = f"data:application/octet-stream;base64,{coded}"
-        path.write_text(json.dumps(document))
+        return document
+
+    def save_gltf(self, path: Path) -> Path:
+        """Write `document`."""
+        path.write_text(json.dumps(self.document()))
         return path
 
     def save_glb(self, path: Path) -> Path:

@@ -8,6 +8,8 @@ from __future__ import annotations
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
+
 from raykiln.errors import SceneError
 from raykiln.formats.files import Files, Reader, scene_errors
 from raykiln.formats.studio import complete
@@ -61,7 +63,8 @@ def _load(path: Path, base_dir: Path | None) -> tuple[Scene, Files]:
     if not path.is_file():
         what = "a folder, not a file" if path.is_dir() else "the file does not exist"
         raise SceneError(what, file=path)
-    with scene_errors(path):
+    # Numbers out of the range of float32 become infinite, and those are refused by name.
+    with scene_errors(path), np.errstate(over="ignore", invalid="ignore"):
         files = Files(path, base_dir)
         scene = read(path, files)
         scene.base_dir = files.root
