@@ -125,8 +125,8 @@ def mug() -> Paint:
     x, y = grid()
     line = 6.7 + 0.28 * waves(x[0], 3, 5, 1, 6) + 0.1 * waves(x[0], 4, 4, 7, 19)
     glaze = covered(y - line)
-    strokes = distance_to(word(0.0, 4.35, 0.56), x, y) - 0.058
-    sign = distance_to(emblem(0.0, 3.6, 0.72), x, y) - 0.05
+    strokes = distance_to(word(0.0, 4.45, 0.68), x, y) - 0.068
+    sign = distance_to(emblem(0.0, 3.75, 0.85), x, y) - 0.058
     band = np.minimum(np.abs(y - 0.2) - 0.2, np.abs(y - 0.72) - 0.035)
     gold = covered(np.minimum(np.minimum(strokes, sign), band))
 

@@ -95,7 +95,7 @@ def _unit2(v: Array) -> Array:
 
 def handle() -> Surface:
     """An oval bar along a bow at the mug's right side (+x)."""
-    bow = [(4.0, 7.9), (5.3, 8.2), (6.55, 7.5), (6.9, 5.9), (6.4, 4.2), (5.3, 3.0), (4.15, 2.6)]
+    bow = [(3.85, 7.9), (5.2, 8.25), (6.55, 7.5), (6.9, 5.9), (6.4, 4.2), (5.3, 3.0), (4.15, 2.6)]
     line = smooth_line(bow, 36)
     ahead = np.gradient(line, axis=0)
     ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
@@ -152,19 +152,19 @@ def sky() -> Array:
     """A studio (128, 256, 3): a dim room, a tall window with bars, a strip light, a glow above."""
     toward = directions(128)
     x, y, z = np.moveaxis(toward, -1, 0)
-    room = np.array([0.2, 0.19, 0.2]) + 0.25 * np.clip(y, 0, 1)[..., None] ** 2
+    room = np.array([0.13, 0.13, 0.14]) + 0.2 * np.clip(y, 0, 1)[..., None] ** 2
     image = np.where((y < 0)[..., None], 0.12, room) * np.ones(3)
     bearing, elevation = np.degrees(np.arctan2(x, z)), np.degrees(np.arcsin(np.clip(y, -1, 1)))
     # The window stands to the left in front; each axis runs 0 to 1 over it.
-    across, upward = (bearing + 84) / 50, (elevation - 8) / 54
+    across, upward = (bearing + 84) / 50, (elevation - 3) / 56
     inside = (np.abs(across - 0.5) < 0.5) & (np.abs(upward - 0.5) < 0.5)
     bars = (np.abs(across - 0.5) < 0.03) | (np.abs((upward * 3) % 1 - 0.5) > 0.46)
-    daylight = np.array([13.0, 13.8, 15.5]) * (0.55 + 0.45 * np.clip(upward, 0, 1)[..., None])
+    daylight = np.array([16.0, 16.6, 18.0]) * (0.55 + 0.45 * np.clip(upward, 0, 1)[..., None])
     image = np.where((inside & ~bars)[..., None], daylight, image)
     strip = (np.abs(bearing - 78) < 9) & (np.abs(elevation - 28) < 30)
     image = np.where(strip[..., None], np.array([7.0, 5.6, 4.2]), image)
     above = np.exp(18 * (toward @ unit([0.1, 1.0, -0.35]) - 1))[..., None]
-    return image + above * np.array([3.4, 3.2, 3.0])
+    return image + above * np.array([2.2, 2.1, 2.0])
 
 
 def materials(glb: GlbWriter) -> dict[str, int]:
@@ -200,7 +200,7 @@ def materials(glb: GlbWriter) -> dict[str, int]:
         },
         "brass": plain([0.88, 0.62, 0.32], 0.24, 1.0),
         "clay": plain([0.45, 0.25, 0.15], 0.8),
-        "paper": plain([0.68, 0.53, 0.42], 0.85),
+        "paper": plain([0.6, 0.44, 0.34], 0.85),
     }
     return {name: glb.add("materials", name=name, **values) for name, values in found.items()}
 
@@ -208,24 +208,24 @@ def materials(glb: GlbWriter) -> dict[str, int]:
 def surfaces() -> list[tuple[str, str, Surface, tuple[float, float, float]]]:
     """Name, material, surface and place (in cm) of each mesh."""
     base = 1.2  # the top of the coaster
-    outer = smooth_line([(4.25, 10), (4.22, 8), (4.3, 6), (4.32, 4), (4.1, 1.6), (3.5, 0.25)], 40)
+    outer = smooth_line([(3.7, 10), (4.03, 8), (4.36, 6), (4.5, 4), (4.22, 1.6), (3.5, 0.25)], 40)
     foot = rounded([(3.5, 0.25), (3.25, 0.0), (0.01, 0.0)], 0.15)
     turn = np.linspace(0, np.pi, 9)
-    lip = np.stack([4.09 - 0.16 * np.cos(turn), 10 + 0.16 * np.sin(turn)], 1)
-    inner = smooth_line([(3.93, 10), (3.92, 7), (3.95, 4), (3.5, 1.2), (1.5, 0.7), (0.01, 0.65)], 32)
-    caddy = rounded([(4.4, 11.5), (4.6, 11.3), (4.6, 0.2), (4.4, 0), (0.01, 0)], 0.14)
-    lid = rounded([(0.01, 13.3), (3.2, 13.0), (4.75, 12.5), (4.75, 11.5), (4.3, 11.5)], 0.3)
+    lip = np.stack([3.54 - 0.16 * np.cos(turn), 10 + 0.16 * np.sin(turn)], 1)
+    inner = smooth_line([(3.38, 10), (3.78, 8), (4.1, 5), (3.7, 1.4), (1.5, 0.7), (0.01, 0.65)], 32)
+    caddy = rounded([(4.4, 7.5), (4.6, 7.3), (4.6, 0.2), (4.4, 0), (0.01, 0)], 0.14)
+    lid = rounded([(0.01, 9.3), (3.2, 9.0), (4.75, 8.5), (4.75, 7.5), (4.3, 7.5)], 0.3)
     ball = np.linspace(0, np.pi, 25)
-    knob = np.stack([0.85 * np.sin(ball) + 1e-3, 14.0 + 0.85 * np.cos(ball)], 1)
+    knob = np.stack([0.85 * np.sin(ball) + 1e-3, 10.0 + 0.85 * np.cos(ball)], 1)
     slab = rounded([(6.2, base), (6.4, base - 0.02), (6.4, 0), (0.01, 0)], 0.1)
-    here, behind = (0.0, base, 0.0), (-11.5, 0.0, -10.0)
+    here, behind = (0.0, base, 0.0), (-11.5, 0.0, -13.0)
     return [
         ("mug wall", "mug", lathe(outer), here),
         ("mug foot", "clay", lathe(foot), here),
         ("mug lip", "gold", lathe(lip[::-1]), here),
         ("mug inside", "cream glaze", turned_over(lathe(inner)), here),
         ("mug handle", "glaze", handle(), here),
-        ("coffee", "coffee", disk(3.93, 8.3), here),
+        ("coffee", "coffee", disk(3.62, 8.9), here),
         ("coaster top", "walnut", disk(6.21, base), (0.0, 0.0, 0.0)),
         ("coaster edge", "walnut", lathe(slab), (0.0, 0.0, 0.0)),
         ("caddy", "brass", lathe(caddy), behind),
@@ -257,15 +257,15 @@ def build() -> dict[str, bytes]:
         node = glb.mesh(name, *arrays, surface.faces, names[material])
         glb.document["nodes"][node]["translation"] = [round(float(x), 4) for x in at]
         nodes.append(node)
-    lens = {"yfov": math.radians(22), "znear": 0.01, "aspectRatio": 16 / 9}
+    lens = {"yfov": math.radians(19.5), "znear": 0.01, "aspectRatio": 16 / 9}
     camera = glb.add("cameras", name="camera", type="perspective", perspective=lens)
-    view = look([4.0, 17.0, 56.0], [-1.2, 5.9, 0.0])
+    view = look([4.5, 16.0, 56.0], [-1.5, 5.5, 0.0])
     nodes.append(glb.add("nodes", name="camera", camera=camera, matrix=view))
     rim = {
         "type": "spot",
         "name": "rim",
         "color": [1.0, 0.82, 0.6],
-        "intensity": 2.2,
+        "intensity": 1.3,
         "spot": {"innerConeAngle": 0.1, "outerConeAngle": 0.3},
     }
     extension = {"KHR_lights_punctual": {"light": 0}}
@@ -274,8 +274,8 @@ def build() -> dict[str, bytes]:
     own = {
         "description": "A textured glTF product shot: a glazed mug with a name in gold leaf, "
         "a walnut coaster and a brass caddy, under a window sky painted by code.",
-        "settings": {"width": 960, "height": 540, "spp": 96, "max_depth": 8},
-        "lights": [{"type": "environment", "file": SKY}],
+        "settings": {"width": 960, "height": 540, "spp": 128, "max_depth": 8},
+        "lights": [{"type": "environment", "file": SKY, "scale": 0.55}],
     }
     glb.add("scenes", name="product shot", nodes=nodes, extras={"raykiln": own})
     glb.document["scene"] = 0
