@@ -279,3 +279,9 @@ def test_the_token_is_sent_and_an_id_cannot_leave_its_path(call: Caller, monkeyp
         call(server, "job", "../../x?y#z")
     assert seen[0].headers["Authorization"] == "Bearer secret"
     assert seen[0].path == "/v1/jobs/..%2F..%2Fx%3Fy%23z"
+
+
+def test_a_preview_is_the_bytes_of_an_image(call: Caller) -> None:
+    with serving(hang_up, part(b"\x89PNG", Content_Type="image/png")) as (server, seen):
+        assert call(server, "preview", "j") == b"\x89PNG"
+    assert seen[1].path == "/v1/jobs/j/preview.png"

@@ -65,10 +65,10 @@ class AsyncClient(ClientBase):
         """Close the connections."""
         await self._http.aclose()
 
-    async def _send(
+    async def _reply(
         self, call: Call, content: Callable[[], AsyncIterator[bytes]] | None = None
-    ) -> Any:
-        """Carry out a call; gives its JSON document, or None for an empty reply."""
+    ) -> httpx.Response:
+        """Carry out a call, again if that is allowed and helps."""
         tried = 0
         while True:
             tried += 1
@@ -77,9 +77,16 @@ class AsyncClient(ClientBase):
                 response = await self._http.request(**self._arguments(call, body))
                 if response.is_error:
                     raise calls.problem_of(response, self.server)
-                return self._document(response) if response.content else None
+                return response
             except (httpx.TransportError, ServerError) as error:
                 await asyncio.sleep(self._pause_s(tried, error, call))
+
+    async def _send(
+        self, call: Call, content: Callable[[], AsyncIterator[bytes]] | None = None
+    ) -> Any:
+        """Carry out a call; gives its JSON document, or None for an empty reply."""
+        response = await self._reply(call, content)
+        return self._document(response) if response.content else None
 
     async def version(self) -> dict[str, Any]:
         """What the service says about itself."""
@@ -253,8 +260,5 @@ class AsyncClient(ClientBase):
 
     async def preview(self, job_id: str) -> bytes:
         """The image so far, as the bytes of a PNG file."""
-        call = calls.preview_call(job_id)
-        response = await self._http.request(**self._arguments(call))
-        if response.is_error:
-            raise calls.problem_of(response, self.server)
+        response = await self._reply(calls.preview_call(job_id))
         return response.content

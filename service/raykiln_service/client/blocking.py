@@ -72,8 +72,10 @@ class Client(ClientBase):
         """Close the connections."""
         self._http.close()
 
-    def _send(self, call: Call, content: Callable[[], Iterator[bytes]] | None = None) -> Any:
-        """Carry out a call; gives its JSON document, or None for an empty reply."""
+    def _reply(
+        self, call: Call, content: Callable[[], Iterator[bytes]] | None = None
+    ) -> httpx.Response:
+        """Carry out a call, again if that is allowed and helps."""
         tried = 0
         while True:
             tried += 1
@@ -82,9 +84,14 @@ class Client(ClientBase):
                 response = self._http.request(**self._arguments(call, body))
                 if response.is_error:
                     raise calls.problem_of(response, self.server)
-                return self._document(response) if response.content else None
+                return response
             except (httpx.TransportError, ServerError) as error:
                 time.sleep(self._pause_s(tried, error, call))
+
+    def _send(self, call: Call, content: Callable[[], Iterator[bytes]] | None = None) -> Any:
+        """Carry out a call; gives its JSON document, or None for an empty reply."""
+        response = self._reply(call, content)
+        return self._document(response) if response.content else None
 
     def version(self) -> dict[str, Any]:
         """What the service says about itself."""
@@ -258,8 +265,5 @@ class Client(ClientBase):
 
     def preview(self, job_id: str) -> bytes:
         """The image so far, as the bytes of a PNG file."""
-        call = calls.preview_call(job_id)
-        response = self._http.request(**self._arguments(call))
-        if response.is_error:
-            raise calls.problem_of(response, self.server)
+        response = self._reply(calls.preview_call(job_id))
         return response.content
