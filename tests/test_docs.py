@@ -37,7 +37,7 @@ def has_examples(page: Path) -> bool:
     return any(block.is_run for block in blocks_of(page.read_text()))
 
 
-@pytest.mark.parametrize("page", filter(has_examples, PAGES), ids=page_name)
+@pytest.mark.parametrize("page", [*filter(has_examples, PAGES)], ids=page_name)
 def test_examples_run(page: Path, tmp_path: Path, data_dir: Path) -> None:
     text = page.read_text()
     folder = tmp_path / "work"
@@ -99,7 +99,7 @@ def models_within(annotation: Any, found: dict[str, type[BaseModel]]) -> dict[st
     return found
 
 
-@pytest.mark.parametrize("model", models_within(rk.Scene, {}).values(), ids=lambda m: m.__name__)
+@pytest.mark.parametrize("model", [*models_within(rk.Scene, {}).values()], ids=lambda m: m.__name__)
 def test_every_scene_field_is_explained(model: type[BaseModel]) -> None:
     page = (REFERENCE / "scene.md").read_text()
     named = set(re.findall(r"`(\w+)`", page))
