@@ -410,6 +410,8 @@ Camera = PerspectiveCamera
 # ------------------------------------------------------------------- scene
 
 
+MAX_WARNINGS = 500
+
 class Scene(Node):
     """A scene: build it in code, or read it with `raykiln.load_scene`."""
 
@@ -454,8 +456,9 @@ class Scene(Node):
 
     def warn(self, message: str) -> None:
         """Note something that the file asks for and that is not supported, once."""
-        if message not in self.warnings:
-            self.warnings.append(message)
+        if message not in self.warnings and len(self.warnings) <= MAX_WARNINGS:
+            full = len(self.warnings) == MAX_WARNINGS
+            self.warnings.append("there are further warnings" if full else message)
 
     # Building in code. Each returns what later calls refer to.
 

@@ -384,3 +384,28 @@ def test_every_cut_of_a_binary_file_is_refused(tmp_path: Path) -> None:
         (tmp_path / "a.glb").write_bytes(data[:size])
         with pytest.raises(SceneError):
             load(tmp_path / "a.glb")
+
+
+def test_many_things_of_one_name_and_many_warnings(tmp_path: Path) -> None:
+    gltf = Gltf()
+    for _ in range(3000):
+        gltf.append("materials", {"name": "same"})
+    mesh = gltf.mesh(TRIANGLE)
+    first = gltf.json["meshes"][mesh]["primitives"][0]
+    gltf.json["meshes"][mesh]["primitives"] = [
+        {**first, "material": i, "mode": 4 if i % 2 else 1} for i in range(3000)
+    ]
+    gltf.node(mesh=mesh)
+    scene = load(gltf.save_glb(tmp_path / "a.glb"))
+    assert len(scene.materials) == len(scene.shapes) == 1500
+    assert len(scene.warnings) == 501
+    assert scene.warnings[-1] == "there are further warnings"
+
+
+def test_accessors_without_data_may_not_claim_much(tmp_path: Path) -> None:
+    gltf = one_triangle()
+    accessor = gltf.append("accessors", {"componentType": 5126, "count": 10**7, "type": "VEC3"})
+    for _ in range(100):
+        gltf.append("meshes", {"primitives": [{"attributes": {"POSITION": accessor}}]})
+    with pytest.raises(SceneError, match="accessors without data are too large"):
+        load(gltf.save_glb(tmp_path / "a.glb"))

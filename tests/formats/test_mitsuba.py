@@ -320,7 +320,7 @@ ERRORS: list[tuple[str, str, str]] = [
     ('<bsdf type="twosided" id="a"><ref id="a"/></bsdf>', "refers to itself", "line 2"),
     ('<bsdf type="diffuse" id="a"/><bsdf type="diffuse" id="a"/>', "given twice", "line 2"),
     ('<alias id="a" as="b"/>', "an alias of nothing", "line 2"),
-    ('<include filename="a.xml"/>', "nested includes", "line 2"),
+    ('<include filename="a.xml"/>', "(nested) includes", "line 2"),
     ('<include filename="/etc/hostname"/>', "absolute path", "line 2"),
     ('<include filename="../a.xml"/>', "leads out", "line 2"),
     ('<path value=".."/>', "not a folder inside", "line 2"),
@@ -400,3 +400,13 @@ def test_public_scenes_load_whole(shared_assets: Path) -> None:
     assert found == {
         "scene": (8, 0), "cbox": (8, 38), "matpreview": (3, 61_600), "mi": (10, 12),
     }  # fmt: skip
+
+
+def test_includes_that_multiply_stop(tmp_path: Path) -> None:
+    """Ten files, each of which includes the next ten times."""
+    for i in range(10):
+        body = f'<include filename="{i + 1}.xml"/>' * 10
+        (tmp_path / f"{i}.xml").write_text(scene_xml(body))
+    (tmp_path / "10.xml").write_text(scene_xml(""))
+    with pytest.raises(SceneError, match="too many"):
+        load(tmp_path / "0.xml")

@@ -37,6 +37,7 @@ SUPPORTED = {
     "KHR_mesh_quantization", "KHR_texture_transform", "EXT_texture_webp",
 }  # fmt: skip
 MAX_DEPTH = 512
+MAX_CAMERAS = 1024
 # A mesh used more than once is instanced from this many triangles on.
 INSTANCED_FROM = 64
 
@@ -260,6 +261,8 @@ class _Reader:
         near, far = lens.number("znear"), lens.number("zfar", 1e30)
         if not 0 <= near < far:
             raise SceneError("znear and zfar out of order", pointer=lens.pointer)
+        if len(self.scene.cameras) >= MAX_CAMERAS:
+            raise SceneError(f"more than {MAX_CAMERAS} cameras", pointer=node.pointer)
         label = camera.string("name", "") or node.string("name", "") or "camera"
         name = unique_name(label, {c.name for c in self.scene.cameras})
         self.scene.cameras.append(

@@ -16,7 +16,7 @@ from raykiln.formats.meshes import Array
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
-# Bytes that an accessor may claim without a buffer behind it (all zeros).
+# Bytes that all accessors together may claim without a buffer behind them (all zeros).
 MAX_UNBACKED_BYTES = 1 << 28
 GLB_MAGIC, CHUNK_JSON, CHUNK_BIN = 0x46546C67, 0x4E4F534A, 0x004E4942
 
@@ -81,6 +81,7 @@ class GltfData:
         self.root = Item(parse_json(text.decode("utf-8-sig")), "")
         self._binary = binary
         self._buffers: dict[int, bytes] = {}
+        self._unbacked = 0
 
     def buffer(self, index: int, pointer: str) -> bytes:
         """The bytes of a buffer."""
@@ -134,9 +135,10 @@ class GltfData:
         if "bufferView" in item:
             values = self._strided(item, item, kind, width, count, allow_stride=True)
         else:
-            if count * width * kind.itemsize > MAX_UNBACKED_BYTES:
+            self._unbacked += count * width * kind.itemsize
+            if self._unbacked > MAX_UNBACKED_BYTES:
                 raise SceneError(
-                    "an accessor without data is too large", pointer=item.pointer, found=count
+                    "accessors without data are too large", pointer=item.pointer, found=count
                 )
             values = np.zeros((count, width), kind)
         if "sparse" in item:

@@ -55,6 +55,12 @@ class Materials:
 
 
 class _Builder:
+    """Makes one material.
+
+    Faces are shaded from both sides whatever `doubleSided` says, which asks rasterizers to cull;
+    it does decide from which sides light is given off.
+    """
+
     def __init__(self, scene: Scene, textures: Textures, item: Item) -> None:
         self.scene, self.textures, self.item = scene, textures, item
         self.extensions = item.item("extensions")

@@ -18,16 +18,15 @@ def read(path: Path, files: Files) -> Scene:
     """The scene of a Mitsuba XML file."""
     document = Document(files)
     root = document.read(path, files.read(path, limit=MAX_TEXT_BYTES))
-    scene = Scene(name=path.stem)
+    document.scene.name = path.stem
     with scene_errors(path):
-        _build(document, root, scene)
-    for message in document.warnings:
-        scene.warn(message)
-    return scene
+        _build(document, root)
+    return document.scene
 
 
-def _build(document: Document, root: MitsubaObject, scene: Scene) -> None:
-    context = Context(document, scene)
+def _build(document: Document, root: MitsubaObject) -> None:
+    scene = document.scene
+    context = Context(document)
     materials = Materials(context)
     shapes = Shapes(context, materials)
     for _, child in root.children:

@@ -16,8 +16,10 @@ from raykiln.formats.mitsuba_transforms import Matrix, number, numbers, transfor
 from raykiln.formats.mitsuba_upgrade import upgrade, version_of
 from raykiln.formats.mitsuba_xml import XmlNode, parse_xml
 from raykiln.formats.spectra import read_spd, rgb_of_srgb
+from raykiln.scene import Scene
 
-MAX_INCLUDES = 15
+MAX_INCLUDE_DEPTH = 15
+MAX_INCLUDES = 1000
 MAX_SUBSTITUTED = 1 << 16
 OBJECT_TAGS = {
     "scene", "integrator", "sensor", "film", "sampler", "rfilter", "emitter", "shape", "bsdf",
@@ -132,7 +134,8 @@ class Document:
         self.parameters: dict[str, str] = {}
         self.ids: dict[str, MitsubaObject] = {}
         self.references: list[tuple[MitsubaObject, int, str, int]] = []
-        self.warnings: list[str] = []
+        self.includes = 0
+        self.scene = Scene()
         self.folders: list[Path] = [files.folder]
 
     def read(self, path: Path, data: bytes) -> MitsubaObject:
@@ -161,8 +164,7 @@ class Document:
 
     def warn(self, message: str) -> None:
         """Note something that is not supported."""
-        if message not in self.warnings:
-            self.warnings.append(message)
+        self.scene.warn(message)
 
     def _parsed(self, data: bytes) -> XmlNode:
         root = parse_xml(data)
@@ -218,8 +220,9 @@ class Document:
         self.folders.insert(0, path)
 
     def _include(self, made: MitsubaObject, node: XmlNode, folder: Path, depth: int) -> None:
-        if depth >= MAX_INCLUDES:
-            raise SceneError(f"more than {MAX_INCLUDES} nested includes", pointer=node.pointer)
+        self.includes += 1
+        if depth >= MAX_INCLUDE_DEPTH or self.includes > MAX_INCLUDES:
+            raise SceneError("too many (nested) includes", pointer=node.pointer)
         path = self.resolve(node.attributes.get("filename", ""), made, node.pointer)
         with scene_errors(path):
             root = self._parsed(self.files.read(path, limit=MAX_TEXT_BYTES))

@@ -19,6 +19,7 @@ from raykiln.scene import PerspectiveCamera
 _MITSUBA_FROM_OURS = np.diag([-1.0, 1.0, -1.0, 1.0])
 # Half the diagonal of 35 mm film.
 _HALF_DIAGONAL_MM = math.hypot(36.0, 24.0) / 2
+MAX_CAMERAS = 1024
 _AXES = ("x", "y", "diagonal", "smaller", "larger")
 _FILTERS = {"box": "box", "tent": "tent", "gaussian": "gaussian"}
 _PATHS = ("path", "volpath_simple", "volpath", "volpathmis", "bdpt", "mlt", "pssmlt", "erpt", "prb",
@@ -41,6 +42,8 @@ def add_camera(context: Context, owner: MitsubaObject, *, first: bool) -> None:
     if owner.type == "thinlens":
         context.warn(owner, "depth of field is not supported: all is in focus")
     owner.used.update(_IGNORED)
+    if len(context.scene.cameras) >= MAX_CAMERAS:
+        raise SceneError(f"more than {MAX_CAMERAS} sensors", pointer=owner.pointer)
     name = unique_name(owner.id or "camera", {c.name for c in context.scene.cameras})
     matrix = owner.matrix("to_world")
     fov_deg, fov_axis = _field_of_view(owner)

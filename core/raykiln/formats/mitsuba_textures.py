@@ -17,7 +17,7 @@ from raykiln.formats.spectra import (
     rgb_of_constant,
     rgb_of_samples,
 )
-from raykiln.scene import CheckerTexture, ImageTexture, Scene, TextureRef
+from raykiln.scene import CheckerTexture, ImageTexture, TextureRef
 
 TEXTURE_TAGS = ("texture", "spectrum")
 # Images of these kinds hold linear values; all others are sRGB unless `raw`.
@@ -29,8 +29,8 @@ _SPECTRA = ("uniform", "regular", "irregular", "d65", "blackbody", "srgb")
 class Context:
     """What the builders of materials, lights, shapes and cameras share."""
 
-    def __init__(self, document: Document, scene: Scene) -> None:
-        self.document, self.scene = document, scene
+    def __init__(self, document: Document) -> None:
+        self.document, self.scene = document, document.scene
         self._textures: dict[int, str | None] = {}
 
     def warn(self, owner: MitsubaObject, message: str) -> None:

@@ -82,7 +82,7 @@ class _Builder:
         self.scene, self.files, self.entry = scene, files, entry
 
     def material(self) -> Material:
-        """A clear dielectric, a diffuse, or a principled material; see `docs/formats.md`."""
+        """A clear dielectric, a diffuse, or a principled material."""
         self._warn_unused()
         illum = int(self._number("illum", 2))
         opacity = self._opacity()

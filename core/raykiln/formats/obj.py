@@ -99,7 +99,7 @@ class _Parser:
         self.corners: list[Array] = []
         self.counts: list[Array] = []
         self.materials: list[Array] = []
-        self.names: list[str] = [""]
+        self.numbers: dict[str, int] = {"": 0}
         self.current = 0
         self.libraries: list[str] = []
         self.warnings: list[str] = []
@@ -138,12 +138,10 @@ class _Parser:
         return events
 
     def _material(self, name: str) -> int:
-        name = name[:256]
-        if name not in self.names:
-            if len(self.names) >= MAX_MATERIALS:
-                raise SceneError(f"more than {MAX_MATERIALS} materials")
-            self.names.append(name)
-        return self.names.index(name)
+        number = self.numbers.setdefault(name[:256], len(self.numbers))
+        if number >= MAX_MATERIALS:
+            raise SceneError(f"more than {MAX_MATERIALS} materials")
+        return number
 
     def _faces(
         self, words: _Words, before: dict[bytes, Array], events: list[tuple[int, int]]
@@ -188,7 +186,7 @@ class _Parser:
             corners,
             np.concatenate([np.empty(0, np.int64), *self.counts]),
             np.concatenate([np.empty(0, np.int64), *self.materials]),
-            self.names,
+            list(self.numbers),
             self.libraries,
             self.warnings,
         )

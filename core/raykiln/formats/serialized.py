@@ -9,11 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from raykiln.errors import SceneError
-from raykiln.formats.files import MAX_FILE_BYTES, read_bytes
+from raykiln.formats.files import read_bytes
 from raykiln.formats.meshes import Array, MeshData, check_count
 
 MAGIC = 0x041C
 VERSIONS = (3, 4)
+# A deflated array may not claim more than this.
+MAX_ARRAY_BYTES = 1 << 31
 HAS_NORMALS, HAS_UVS, HAS_COLORS, FACE_NORMALS, DOUBLE = 0x1, 0x2, 0x8, 0x10, 0x2000
 
 
@@ -63,7 +65,7 @@ class _Stream:
 
     def take(self, size: int) -> bytes:
         """The next `size` bytes."""
-        if size > MAX_FILE_BYTES:
+        if size > MAX_ARRAY_BYTES:
             raise SceneError("the serialized mesh claims too much data", found=size)
         parts, got = [], 0
         while got < size:

@@ -179,8 +179,8 @@ def studio_pixels(height: int = 64) -> NDArray[np.float32]:
     u = (np.arange(2 * height) + 0.5) / (2 * height) * 2 * math.pi
     y = np.cos(v)[:, None] + np.zeros_like(u)
     x, z = np.sin(v)[:, None] * np.sin(u), -np.sin(v)[:, None] * np.cos(u)
-    radiance = 0.45 + 0.35 * y
-    for direction, strength, width in (((-0.6, 0.7, 0.6), 5.0, 0.35), ((0.9, 0.2, 0.4), 1.2, 0.6)):
+    radiance = 0.4 + 0.3 * y
+    for direction, strength, width in (((-0.6, 0.7, 0.6), 16.0, 0.3), ((0.9, 0.2, 0.4), 1.5, 0.6)):
         axis = np.array(direction) / np.linalg.norm(direction)
         cosine = x * axis[0] + y * axis[1] + z * axis[2]
         radiance = radiance + strength * np.exp((cosine - 1) / width**2 * 2)
