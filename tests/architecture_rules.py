@@ -42,15 +42,17 @@ class Room(NamedTuple):
 
 
 _CORE = {"errors", "scene", "image", "formats", "_core"}
+_COMPILED = ("raykiln._core", "raykiln._image")
 # The longest module name that fits says in which room a module is.
 PYTHON_ROOMS: dict[str, Room] = {
     "_core": Room({"raykiln._core"}, set()),
     "errors": Room({"raykiln.errors"}, set()),
     "scene": Room(
-        {f"raykiln.{name}" for name in ("arrays", "metals", "primitives", "scene", "settings")},
+        {f"raykiln.{name}" for name in ("arrays", "metals", "primitives", "scene", "settings", "studio")},
         {"errors"},
     ),
-    "image": Room({"raykiln.image"}, {"errors", "_core"}),
+    "_image": Room({"raykiln._image"}, set()),
+    "image": Room({"raykiln.image"}, {"errors", "_image"}),
     "formats": Room({"raykiln.formats"}, {"errors", "scene", "image"}),
     "renderer": Room({"raykiln"}, _CORE),
     "jobs": Room(
@@ -195,7 +197,7 @@ def _python_target(imported: str, modules: dict[str, Path]) -> str | None:
         return imported.split(".")[0]
     name = imported
     while name:
-        if name in modules or name == "raykiln._core":
+        if name in modules or name in _COMPILED:
             return name
         name = name.rpartition(".")[0]
     return None

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from raykiln import _core, primitives
+from raykiln import _core, primitives, studio
 from raykiln.errors import ImageError, SceneError, SettingsError
 from raykiln.image import read_image
 from raykiln.metals import METALS, optical_constants
@@ -68,6 +68,12 @@ class CompiledScene(NamedTuple):
 def compile_scene(scene: Scene, settings: RenderSettings) -> CompiledScene:
     """Check a scene wholly and build it; raises `SceneError` at the first bad place."""
     start = time.perf_counter()
+    if scene.shapes:
+        # What was loaded from a file is complete already; this is for scenes made in code.
+        scene = scene.model_copy(
+            update={name: list(getattr(scene, name)) for name in ("cameras", "lights", "warnings")}
+        )
+        studio.complete(scene)
     compiler = _Compiler(scene)
     compiler.run(settings)
     loaded = time.perf_counter()
@@ -123,6 +129,8 @@ class _Compiler:
         self._groups: dict[str, int] = {}
 
     def run(self, settings: RenderSettings) -> None:
+        if not self.scene.shapes:
+            raise SceneError("the scene is empty", pointer="/shapes", accepted="at least one shape")
         self._camera(settings)
         for name, material in self.scene.materials.items():
             self._materials[name] = self._material(material, f"/materials/{name}")
@@ -136,8 +144,6 @@ class _Compiler:
             self._shape(shape, 0, f"/shapes/{i}")
         for i, light in enumerate(self.scene.lights):
             self._light(light, f"/lights/{i}")
-        if not self.scene.shapes:
-            raise SceneError("the scene is empty", pointer="/shapes", accepted="at least one shape")
 
     # Textures
 

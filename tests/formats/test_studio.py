@@ -10,7 +10,7 @@ import pytest
 from format_support import LoadText
 from hypothesis import given
 from hypothesis import strategies as st
-from raykiln.formats.studio import complete, scene_points, studio_light, studio_pixels
+from raykiln.studio import complete, scene_points, studio_light, studio_pixels
 from raykiln.scene import (
     ConstantLight,
     EnvironmentLight,

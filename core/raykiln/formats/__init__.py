@@ -12,7 +12,7 @@ import numpy as np
 
 from raykiln.errors import SceneError
 from raykiln.formats.files import Files, Reader, scene_errors
-from raykiln.formats.studio import complete
+from raykiln.studio import complete
 from raykiln.scene import Scene
 
 # Extension -> module of this package with `read(path, files) -> Scene`.

@@ -19,7 +19,7 @@ from raykiln.formats.gltf_textures import Textures
 from raykiln.formats.json_text import Item
 from raykiln.formats.meshes import Array
 from raykiln.formats.names import unique_name
-from raykiln.formats.studio import rows
+from raykiln.studio import rows
 from raykiln.scene import (
     DirectionalLight,
     Instance,

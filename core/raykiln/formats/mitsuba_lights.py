@@ -8,7 +8,7 @@ import numpy as np
 
 from raykiln.formats.mitsuba_objects import MitsubaObject
 from raykiln.formats.mitsuba_textures import Context
-from raykiln.formats.studio import rows
+from raykiln.studio import rows
 from raykiln.scene import (
     ConstantLight,
     DirectionalLight,

@@ -12,7 +12,7 @@ from raykiln.errors import SceneError
 from raykiln.formats.mitsuba_objects import MitsubaObject
 from raykiln.formats.mitsuba_textures import Context
 from raykiln.formats.names import unique_name
-from raykiln.formats.studio import rows
+from raykiln.studio import rows
 from raykiln.scene import PerspectiveCamera
 
 # Mitsuba's cameras look along +z with +x to the left.

@@ -19,7 +19,7 @@ from raykiln.formats.mitsuba_patches import PATCHES
 from raykiln.formats.mitsuba_textures import Context
 from raykiln.formats.mitsuba_transforms import Matrix
 from raykiln.formats.names import unique_name
-from raykiln.formats.studio import rows
+from raykiln.studio import rows
 from raykiln.scene import (
     Cube,
     Disk,

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from raykiln import _core
 from raykiln.errors import ImageError, shorten
 from raykiln.image.atomic import write_atomically
 
@@ -62,7 +61,7 @@ def read_image(source: Source) -> npt.NDArray[Any]:
         If the file is missing, damaged, too large (65536 a side, 2^28 pixels, 4 GiB) or of
         another kind.
     """
-    pixels: npt.NDArray[Any] = _named(source, _core.read_image)
+    pixels: npt.NDArray[Any] = _named(source, "read_image")
     return pixels
 
 
@@ -75,7 +74,7 @@ def read_exr_layers(source: Source) -> dict[str, npt.NDArray[np.float32]]:
         Layer name -> float32 array, (height, width) for one channel, else
         (height, width, channels).  ``beauty`` is the layer of R, G, B.
     """
-    channels = _named(source, _core.read_channels)
+    channels = _named(source, "read_channels")
     pixels, names = channels["pixels"], channels["names"]
     groups: dict[str, list[tuple[str, int]]] = {}
     for index, name in enumerate(names):
@@ -86,7 +85,7 @@ def read_exr_layers(source: Source) -> dict[str, npt.NDArray[np.float32]]:
 
 def read_exr_metadata(source: Source) -> dict[str, str | int | float]:
     """The metadata that the writer of an image file put into it."""
-    metadata = _named(source, _core.read_channels)["metadata"]
+    metadata = _named(source, "read_channels")["metadata"]
     return {name: v for name, v in metadata.items() if not _READER_NAMES.fullmatch(name)}
 
 
@@ -107,7 +106,7 @@ def encode_exr(
         if names.count(name) > 1:
             raise ImageError(f"two layers want the channel {name!r}")
     box = (0, 0, 0, 0) if window is None else window
-    data: memoryview = _core.encode_exr(channels, box, _checked_metadata(metadata)).data
+    data: memoryview = _native().encode_exr(channels, box, _checked_metadata(metadata)).data
     return data
 
 
@@ -165,7 +164,7 @@ def encode_png(
     text: list[tuple[str, str | int | float]] = [
         (name, str(value)) for name, value in _checked_metadata(metadata)
     ]
-    data: memoryview = _core.encode_png(np.ascontiguousarray(array), text).data
+    data: memoryview = _native().encode_png(np.ascontiguousarray(array), text).data
     return data
 
 
@@ -190,8 +189,16 @@ def write_png(
     _write(path, encode_png(pixels, bits=bits, metadata=metadata))
 
 
-def _named(source: Source, read: Any) -> Any:
-    """Call a reader of the core; its errors get the name of the file."""
+def _native() -> Any:
+    """The compiled module, loaded when first used: its libraries take their time."""
+    from raykiln import _image
+
+    return _image
+
+
+def _named(source: Source, reader: str) -> Any:
+    """Call a reader of the compiled module; its errors get the name of the file."""
+    read = getattr(_native(), reader)
     if isinstance(source, bytes | bytearray | memoryview):
         return read(source)
     path = os.fsdecode(source)
