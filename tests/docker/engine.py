@@ -37,10 +37,9 @@ class Engine:
         )
 
     @contextmanager
-    def service(self, name: str, environment: dict[str, str]) -> Iterator[None]:
+    def service(self, name: str, *options: str) -> Iterator[None]:
         """The image with its default command, until the block ends; the stop must be clean."""
-        settings = [word for key, value in environment.items() for word in ("-e", f"{key}={value}")]
-        self._call([*self._run, "-d", "--name", name, *settings, IMAGE])
+        self._call([*self._run, "-d", "--name", name, *options, IMAGE])
         try:
             yield
             self._call([*self._command, "stop", "-t", "10", name])
@@ -55,14 +54,6 @@ class Engine:
         command = [*self._command, "logs", name]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         return done.stdout + done.stderr
-
-    def inspect(self, name: str, template: str) -> str:
-        """A property of a container, by a Go template."""
-        return self._call([*self._command, "inspect", "--format", template, name]).strip()
-
-    def execute(self, name: str, *arguments: str) -> str:
-        """What a command inside a running container prints."""
-        return self._call([*self._command, "exec", name, *arguments])
 
     @staticmethod
     def _call(command: Sequence[str]) -> str:

@@ -11,7 +11,6 @@ from pathlib import Path
 
 import httpx
 import pytest
-
 from engine import Engine, daemonless_engine, docker_engine, has_docker
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
@@ -60,7 +59,8 @@ def test_serves_jobs_to_those_with_the_token(engine: Engine) -> None:
     port, name = free_port(), f"raykiln-{uuid.uuid4().hex}"
     url = f"http://127.0.0.1:{port}"
     job = {"scene": {"name": "cornell_box"}, "settings": {"width": 32, "height": 32, "spp": 4}}
-    with engine.service(name, {"PORT": str(port), "RAYKILN_TOKEN": "a-token-for-this-test"}):
+    options = ("-e", f"PORT={port}", "-e", "RAYKILN_TOKEN=a-token-for-this-test")
+    with engine.service(name, *options):
         wait_until_healthy(url)
         assert httpx.post(f"{url}/v1/jobs", json=job).status_code == 401
         with httpx.Client(
@@ -72,18 +72,26 @@ def test_serves_jobs_to_those_with_the_token(engine: Engine) -> None:
             assert image.content.startswith(b"\x76\x2f\x31\x01")
 
 
-def test_makes_a_token_when_none_is_given(engine: Engine) -> None:
+def test_makes_a_token_when_none_is_given(engine: Engine, folder: Path) -> None:
     port, name = free_port(), f"raykiln-{uuid.uuid4().hex}"
     url = f"http://127.0.0.1:{port}"
-    with engine.service(name, {"PORT": str(port)}):
+    with engine.service(name, "-e", f"PORT={port}", "-v", f"{folder}:/data"):
         wait_until_healthy(url)
         assert httpx.get(f"{url}/v1/jobs").status_code == 401
-        token = engine.execute(name, "cat", "/data/token").strip()
+        token = (folder / "token").read_text().strip()
         assert len(token) >= 32
         assert token not in engine.logs(name)
         headers = {"Authorization": f"Bearer {token}"}
         assert httpx.get(f"{url}/v1/jobs", headers=headers).status_code == 200
-        engine.execute(name, "healthcheck")
+
+
+def test_health_check_tells_a_service_from_none(engine: Engine) -> None:
+    port, name = free_port(), f"raykiln-{uuid.uuid4().hex}"
+    check = ["--entrypoint", "healthcheck", "-e", f"PORT={port}"]
+    assert engine.run(options=check).returncode == 1
+    with engine.service(name, "-e", f"PORT={port}"):
+        wait_until_healthy(f"http://127.0.0.1:{port}")
+        assert engine.run(options=check).returncode == 0
 
 
 def test_renders_one_scene(engine: Engine, folder: Path) -> None:
@@ -99,14 +107,9 @@ def test_renders_one_scene(engine: Engine, folder: Path) -> None:
 
 
 def test_renders_a_batch(engine: Engine, folder: Path) -> None:
-    sphere = {
-        "shapes": [{"type": "sphere", "radius": 1.0}],
-        "materials": {},
-        "camera": {"type": "perspective"},
-    }
     scenes = folder / "scenes"
     scenes.mkdir()
-    (scenes / "bad.json").write_text(json.dumps(sphere)[:-1])
+    (scenes / "bad.json").write_text('{"version": 1')
     manifest = folder / "list.txt"
     manifest.write_text("cornell_box\nwhitted_spheres\n")
     options = ["-v", f"{folder}:/work"]
@@ -122,7 +125,7 @@ def test_renders_a_batch(engine: Engine, folder: Path) -> None:
 
 
 def test_refuses_bad_usage(engine: Engine) -> None:
-    done = engine.run("render", "no_such_scene.json")
+    done = engine.run("render", "no_such_scene.json", "-o", "/tmp/out.png")
     assert done.returncode == 2
     assert "no_such_scene.json" in done.stderr
     assert "Traceback" not in done.stderr
