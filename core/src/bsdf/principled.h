@@ -1,6 +1,7 @@
 #pragma once
 
 #include "bsdf/fresnel.h"
+#include "bsdf/ggx_albedo.h"
 #include "bsdf/microfacet.h"
 #include "bsdf/sample.h"
 
@@ -40,6 +41,19 @@ inline PrincipledLobes<F> principled_lobes(const Principled<F>& b, F cos_out) {
     return {specular * scale, diffuse * scale, transmission * scale};
 }
 
+/// Share of the light that the diffuse base gets between two directions: what the surface
+/// leaves at both, scaled so that together they reflect all (Kelemen and Szirmay-Kalos
+/// 2001). With the facet's Fresnel term in its place, as in glTF's appendix, smooth
+/// surfaces would give off half more light at grazing angles than comes in.
+template <class F>
+inline F base_share(const Principled<F>& b, F cos_out, F cos_in) {
+    const F f0 = max_component(b.dielectric_f0);
+    const F out = ggx_albedo(b.facet.alpha_x, cos_out).with_fresnel(f0, b.dielectric_f90);
+    const F in = ggx_albedo(b.facet.alpha_x, cos_in).with_fresnel(f0, b.dielectric_f90);
+    const F mean = ggx_mean_albedo(b.facet.alpha_x).with_fresnel(f0, b.dielectric_f90);
+    return (F(1.0f) - out) * (F(1.0f) - in) / max(F(1.0f) - mean, F(1e-3f));
+}
+
 }  // namespace detail
 
 template <class F>
@@ -60,13 +74,14 @@ inline BsdfValue<F> evaluate(const Principled<F>& b, const Vec3<F>& dir_out,
     const Vec3<F> f_d =
         fresnel_schlick(cosine, b.dielectric_f0, Vec3<F>(b.dielectric_f90));
     const Vec3<F> f_m = fresnel_schlick(cosine, b.base_color, Vec3<F>(F(1.0f)));
-    const Vec3<F> entered =
-        b.base_color * ((F(1.0f) - b.metallic) * (F(1.0f) - max_component(f_d)));
+    const Vec3<F> base = b.base_color * (F(1.0f) - b.metallic);
+    const Vec3<F> passed = base * (F(1.0f) - max_component(f_d));
     const auto lobes = detail::principled_lobes(b, dir_out.z);
 
     const Vec3<F> reflected = lerp(f_d, f_m, b.metallic) * spread +
-                              entered * ((F(1.0f) - b.transmission) * pdf_cosine);
-    const Vec3<F> transmitted = entered * (b.transmission * spread);
+                              base * (detail::base_share(b, dir_out.z, upper.z) *
+                                      (F(1.0f) - b.transmission) * pdf_cosine);
+    const Vec3<F> transmitted = passed * (b.transmission * spread);
     const F pdf = select(through, lobes.transmission * pdf_facet,
                          lobes.specular * pdf_facet + lobes.diffuse * pdf_cosine);
     const Vec3<F> value = select(through, transmitted, reflected);
