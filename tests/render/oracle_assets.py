@@ -21,6 +21,7 @@ def write_assets(folder: Path) -> None:
     _write_vase(meshes / "vase.ply", with_normals=True)
     _write_vase(meshes / "vase_bare.ply", with_normals=False)
     write_png(textures / "chart.png", chart())
+    write_png(textures / "holes.png", holes())
     write_exr(textures / "sky.exr", {"beauty": sky()})
 
 
@@ -36,8 +37,18 @@ def chart() -> NDArray[np.uint8]:
     return picture
 
 
-def sky(width: int = 64, height: int = 32) -> NDArray[np.float32]:
-    """A blue sky with a soft sun above a brown ground: (height, width, 3)."""
+def holes() -> NDArray[np.uint8]:
+    """A grey picture with solid, half there and open parts: (4, 4, 1)."""
+    rows = [[255, 0, 255, 255], [255, 255, 128, 0], [0, 255, 64, 255], [255, 0, 0, 255]]
+    return np.array(rows, np.uint8)[:, :, None]
+
+
+def sky(width: int = 512, height: int = 256) -> NDArray[np.float32]:
+    """A blue sky with a soft sun above a brown ground: (height, width, 3).
+
+    Fine enough that it does not matter where a row lies: Mitsuba puts the first on the pole
+    itself, we half a row below.
+    """
     v, u = np.mgrid[0:height, 0:width]
     phi, theta = 2 * np.pi * (u + 0.5) / width, np.pi * (v + 0.5) / height
     up = np.cos(theta)
@@ -49,7 +60,7 @@ def sky(width: int = 64, height: int = 32) -> NDArray[np.float32]:
     to_sun = np.sin(theta) * np.sin(1.0) * np.cos(phi - 2.0) + np.cos(theta) * np.cos(1.0)
     image = image + (12 * np.exp(20 * (to_sun - 1)))[..., None] * [1.0, 0.9, 0.7]
     # A mark that no rotation of the map leaves alone.
-    image[:, width // 4] += [0.5, 0.0, 0.0]
+    image[:, width // 4 : width // 4 + 8] += [0.5, 0.0, 0.0]
     return np.asarray(image, dtype=np.float32)
 
 
