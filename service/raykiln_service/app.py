@@ -17,9 +17,10 @@ from fastapi import FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.openapi.utils import get_openapi
 from raykiln.errors import pointer_of, shorten
-from sqlalchemy.exc import OperationalError
+from sqlalchemy.exc import OperationalError, SQLAlchemyError
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 
 from raykiln_service import logs
 from raykiln_service.errors import (
@@ -31,7 +32,7 @@ from raykiln_service.errors import (
     error_of_status,
 )
 from raykiln_service.middleware import Guard, problem_reply
-from raykiln_service.protocol import PatientProtocol
+from raykiln_service.protocol import patient_protocol
 from raykiln_service.routes import about, assets, events, jobs, outputs
 from raykiln_service.service import Service
 from raykiln_service.settings import ServiceSettings
@@ -83,7 +84,7 @@ def serve(settings: ServiceSettings) -> None:
         service = Service(settings)
         config = uvicorn.Config(
             create_app(service),
-            http=PatientProtocol,
+            http=patient_protocol(settings.request_timeout_s),
             ws="none",
             log_config=None,
             access_log=False,
@@ -144,9 +145,16 @@ def _add_error_handlers(app: FastAPI) -> None:
     async def _invalid(_request: Request, error: RequestValidationError) -> Response:
         return problem_reply(_parameter_error(error))
 
-    @app.exception_handler(Exception)
+    @app.exception_handler(ClientDisconnect)
+    async def _gone(_request: Request, _error: ClientDisconnect) -> Response:
+        # Nobody reads this any more.
+        return Response(status_code=400)
+
     async def _unexpected(request: Request, error: Exception) -> Response:
         return problem_reply(_as_service_error(request, error))
+
+    for kind in (OSError, SQLAlchemyError, Exception):
+        app.add_exception_handler(kind, _unexpected)
 
 
 def _parameter_error(error: RequestValidationError) -> InvalidRequestError:

@@ -13,7 +13,13 @@ from raykiln_service.assets import AssetStore
 from raykiln_service.errors import LeaseLostError, ServiceError
 from raykiln_service.events import EventHub
 from raykiln_service.executors.base import Executor, Outcome, OutcomeKind, StopReason, Task
-from raykiln_service.files import publish_folder, remove_tree, sha256_of, write_json
+from raykiln_service.files import (
+    publish_folder,
+    remove_tree,
+    sha256_of,
+    sync_dir,
+    write_json,
+)
 from raykiln_service.jobs import Job, JobState, Lease
 from raykiln_service.logs import JobLog, get_logger
 from raykiln_service.metrics import Metrics
@@ -202,6 +208,7 @@ class Attempt:
         files = [_describe(path) for path in sorted(self._work_dir.iterdir())]
         place = self._folder / f"result-{self._lease.token}"
         publish_folder(self._work_dir, place)
+        sync_dir(self._folder.parent)
         return {**result, "stats": stats, "dir": place.name, "files": files}
 
     def _end(self, commit: Callable[[], JobState]) -> None:

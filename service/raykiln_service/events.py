@@ -90,8 +90,7 @@ class EventHub:
     def state_changed(self, event: StateEvent) -> None:
         """A state has changed (a listener of the store)."""
         if event.data["state"] != "running":
-            with self._lock:
-                self._progress.pop(event.job_id, None)
+            self._drop(event.job_id)
         self._post(event.job_id, state_changed=True)
 
     def progress_made(self, job_id: str, progress: Mapping[str, Any]) -> None:
@@ -112,10 +111,9 @@ class EventHub:
             return self._progress.get(job_id)
 
     def forget(self, job_id: str) -> None:
-        """Drop what is known of a deleted job."""
-        with self._lock:
-            self._progress.pop(job_id, None)
-            self._previews.pop(job_id, None)
+        """Drop what is known of a deleted job, and end its streams."""
+        self._drop(job_id)
+        self._post(job_id, closed=True)
 
     def reader_count(self) -> int:
         """How many subscriptions there are."""
@@ -134,6 +132,11 @@ class EventHub:
     def is_closed(self) -> bool:
         """Whether the service is going down."""
         return self._closed
+
+    def _drop(self, job_id: str) -> None:
+        with self._lock:
+            self._progress.pop(job_id, None)
+            self._previews.pop(job_id, None)
 
     def _post(self, job_id: str, **news: Any) -> None:
         with self._lock:

@@ -12,7 +12,7 @@ from raykiln_service.errors import LeaseLostError
 from raykiln_service.jobs import Job, JobEvent, JobState, Lease
 from raykiln_service.rows import dump, job_of
 from raykiln_service.store_base import Change, StoreBase, fence
-from raykiln_service.tables import jobs
+from raykiln_service.tables import IS_QUEUED, IS_RUNNING, jobs
 
 # A job whose every attempt takes the whole service down must end some day; each finished pass
 # starts the count anew.
@@ -27,7 +27,7 @@ class LeaseStore(StoreBase):
         now = self.clock()
         query = (
             sa.select(jobs)
-            .where(jobs.c.state == JobState.QUEUED, jobs.c.not_before_ms <= now)
+            .where(IS_QUEUED, jobs.c.not_before_ms <= now)
             .order_by(jobs.c.priority.desc(), jobs.c.seq)
             .limit(1)
             .with_for_update(skip_locked=True)
@@ -114,7 +114,7 @@ class LeaseStore(StoreBase):
 
         With `expired_only` only those whose lease is over: other services may share the database.
         """
-        query = sa.select(jobs).where(jobs.c.state == JobState.RUNNING, jobs.c.lease_owner != owner)
+        query = sa.select(jobs).where(IS_RUNNING, jobs.c.lease_owner != owner)
         if expired_only:
             query = query.where(jobs.c.lease_expires_ms < self.clock())
         with self.database.read() as connection:

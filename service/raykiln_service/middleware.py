@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import hmac
+import time
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers
@@ -20,6 +21,7 @@ from raykiln_service.errors import (
 from raykiln_service.settings import ServiceSettings
 
 _OPEN_PATHS = frozenset({"/", "/healthz", "/readyz", "/docs", "/openapi.json"})
+_MIN_BYTES_PER_S = 16_384
 _LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "[::1]", "::1"})
 
 
@@ -109,19 +111,25 @@ class _Body:
         self._limit = limit
         self._timeout_s = timeout_s
         self._complete = False
+        self._deadline = time.monotonic() + timeout_s
 
     async def receive(self) -> Message:
         """The next message of the connection."""
         if self._complete:
             return await self._receive()
         try:
-            message = await asyncio.wait_for(self._receive(), self._timeout_s)
+            left_s = max(0.0, self._deadline - time.monotonic())
+            message = await asyncio.wait_for(self._receive(), left_s)
         except TimeoutError:
             raise RequestTimeoutError(
-                f"nothing came for {self._timeout_s:g} s", headers={"Connection": "close"}
+                f"a body that takes longer than {self._timeout_s:g} s must come with at least "
+                f"{_MIN_BYTES_PER_S} bytes a second",
+                headers={"Connection": "close"},
             ) from None
         if message["type"] == "http.request":
-            self._left -= len(message.get("body", b""))
+            size = len(message.get("body", b""))
+            self._left -= size
+            self._deadline += size / _MIN_BYTES_PER_S
             self._complete = not message.get("more_body", False)
             if self._left < 0:
                 raise TooLargeError(accepted=f"at most {self._limit} bytes")

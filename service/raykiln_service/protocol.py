@@ -8,8 +8,6 @@ from typing import Any
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-HEAD_TIMEOUT_S = 20.0
-
 
 class PatientProtocol(H11Protocol):
     """Closes a connection whose request line and headers take too long to arrive.
@@ -17,7 +15,7 @@ class PatientProtocol(H11Protocol):
     uvicorn itself waits for ever, so that a few slow clients could hold all its connections.
     """
 
-    head_timeout_s = HEAD_TIMEOUT_S
+    head_timeout_s = 30.0
     _head_timer: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: Any) -> None:
@@ -51,3 +49,8 @@ class PatientProtocol(H11Protocol):
         if self._head_timer is not None:
             self._head_timer.cancel()
             self._head_timer = None
+
+
+def patient_protocol(timeout_s: float) -> type[PatientProtocol]:
+    """The protocol with a deadline of so many seconds (uvicorn makes it without arguments)."""
+    return type("PatientProtocol", (PatientProtocol,), {"head_timeout_s": timeout_s})

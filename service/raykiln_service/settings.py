@@ -48,7 +48,7 @@ class ServiceSettings(BaseModel):
     max_bundle_ratio: Annotated[float, Field(ge=1)] = 200.0
     """Largest unpacked size of a bundle's file over its packed size."""
     request_timeout_s: Annotated[float, Field(gt=0)] = 30.0
-    """Longest silence while a request is being received."""
+    """Time for a request to arrive; long bodies get more, by their length."""
     check_timeout_s: Annotated[float, Field(gt=0)] = 120.0
     """Longest check of a submitted scene."""
     check_memory_bytes: Annotated[int, Field(ge=1 << 28)] = 16 * _GIB

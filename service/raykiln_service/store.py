@@ -23,7 +23,7 @@ from raykiln_service.jobs import Job, JobEvent, JobSpec, JobState
 from raykiln_service.leases import LeaseStore
 from raykiln_service.rows import Asset, StateEvent, asset_of, dump, event_of, job_of
 from raykiln_service.store_base import now_ms
-from raykiln_service.tables import assets, events, idempotency, job_labels, jobs
+from raykiln_service.tables import IS_QUEUED, assets, events, idempotency, job_labels, jobs
 
 __all__ = ["IDEMPOTENCY_MS", "Store", "now_ms"]
 IDEMPOTENCY_MS = 24 * 3600 * 1000
@@ -193,11 +193,7 @@ class Store(LeaseStore):
         if not wanted:
             return {}
         place = sa.func.row_number().over(order_by=(jobs.c.priority.desc(), jobs.c.seq))
-        queue = (
-            sa.select(jobs.c.id, (place - 1).label("place"))
-            .where(jobs.c.state == JobState.QUEUED)
-            .subquery()
-        )
+        queue = sa.select(jobs.c.id, (place - 1).label("place")).where(IS_QUEUED).subquery()
         query = sa.select(queue.c.id, queue.c.place).where(queue.c.id.in_(wanted))
         with self.database.read() as connection:
             return {job_id: int(number) for job_id, number in connection.execute(query)}
@@ -258,7 +254,7 @@ class Store(LeaseStore):
 
     @staticmethod
     def _count_queued(connection: sa.Connection) -> int:
-        query = sa.select(sa.func.count()).where(jobs.c.state == JobState.QUEUED)
+        query = sa.select(sa.func.count()).where(IS_QUEUED)
         return int(connection.execute(query).scalar_one())
 
     def _insert(self, table: sa.Table) -> Any:

@@ -21,7 +21,7 @@ from raykiln_service.jobs import (
     next_state,
 )
 from raykiln_service.rows import StateEvent, dump, job_of
-from raykiln_service.tables import events, jobs
+from raykiln_service.tables import IS_RUNNING, events, jobs
 
 Listener = Callable[[StateEvent], None]
 
@@ -131,7 +131,7 @@ def fence(lease: Lease) -> tuple[sa.ColumnElement[bool], ...]:
     """What must still hold for a commit under this lease."""
     return (
         jobs.c.id == lease.job_id,
-        jobs.c.state == JobState.RUNNING,
+        IS_RUNNING,
         jobs.c.lease_token == lease.token,
         jobs.c.attempts == lease.attempt,
     )

@@ -18,6 +18,7 @@ from sqlalchemy import (
     MetaData,
     Table,
     Text,
+    literal_column,
     text,
 )
 
@@ -89,6 +90,7 @@ jobs = Table(
     ),
     Index(
         "ix_jobs_queue",
+        "state",
         text("priority DESC"),
         "seq",
         sqlite_where=text("state = 'queued'"),
@@ -104,6 +106,10 @@ jobs = Table(
     sqlite_autoincrement=True,
     **STRICT,
 )
+
+# Spelt out, not bound: SQLite uses a partial index only where it sees its condition.
+IS_QUEUED = jobs.c.state == literal_column("'queued'")
+IS_RUNNING = jobs.c.state == literal_column("'running'")
 
 job_labels = Table(
     "job_labels",

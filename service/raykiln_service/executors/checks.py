@@ -26,6 +26,7 @@ class CheckPool:
         self._places = threading.BoundedSemaphore(_PARALLEL)
         self._lock = threading.Lock()
         self._idle: list[tuple[JsonChild, int]] = []
+        self._all: set[JsonChild] = set()
         self._known: OrderedDict[str, dict[str, Any]] = OrderedDict()
         self._closed = False
 
@@ -66,7 +67,7 @@ class CheckPool:
         """End the children."""
         with self._lock:
             self._closed = True
-            children = [child for child, _uses in self._idle]
+            children = list(self._all)
             self._idle.clear()
         for child in children:
             child.kill()
@@ -86,6 +87,8 @@ class CheckPool:
         return reply
 
     def _given_up(self, child: JsonChild, *, timed_out: bool) -> InvalidSceneError:
+        with self._lock:
+            self._all.discard(child)
         if timed_out:
             child.kill()
             return InvalidSceneError(f"the scene check took more than {self._timeout_s:g} s")
@@ -103,11 +106,16 @@ class CheckPool:
                 child, uses = self._idle.pop()
                 if child.is_alive():
                     return child, uses
-        return JsonChild(_MODULE, self._arguments), 0
+                self._all.discard(child)
+        child = JsonChild(_MODULE, self._arguments)
+        with self._lock:
+            self._all.add(child)
+        return child, 0
 
     def _give_back(self, child: JsonChild, uses: int) -> None:
         with self._lock:
             if not self._closed and uses < _CHECKS_A_CHILD:
                 self._idle.append((child, uses))
                 return
+            self._all.discard(child)
         child.kill()

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import socket
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +68,37 @@ def test_too_slow(small: Any) -> None:
             reply += piece
     assert reply.startswith(b"HTTP/1.1 408")
     assert b"request-timeout" in reply
+
+
+def talk(small: Any, *pieces: bytes) -> bytes:
+    """Send pieces with a pause between them; what comes back until the service hangs up."""
+    host, port = small.url.removeprefix("http://").split(":")
+    reply = b""
+    with socket.create_connection((host, int(port)), timeout=15) as connection:
+        for piece in pieces:
+            with contextlib.suppress(OSError):
+                connection.sendall(piece)
+            time.sleep(0.4)
+        with contextlib.suppress(ConnectionResetError):
+            while piece := connection.recv(4096):
+                reply += piece
+    return reply
+
+
+def test_a_head_that_never_ends_is_hung_up_on(small: Any) -> None:
+    assert talk(small) == b""
+    assert talk(small, b"GET /healthz HTTP/1.1\r\n", *[b"X-A: b\r\n"] * 8) == b""
+    again = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n"
+    assert talk(small, again, again, b"GET /heal").count(b"HTTP/1.1 200") == 2
+
+
+def test_a_body_that_trickles_is_refused(small: Any) -> None:
+    head = (
+        b"POST /v1/assets HTTP/1.1\r\nHost: localhost\r\nContent-Length: 1000\r\n"
+        b"Authorization: Bearer open sesame\r\n\r\n"
+    )
+    assert talk(small, head, *[b"x"] * 8).startswith(b"HTTP/1.1 408")
+    assert list((small.data_dir / "tmp").iterdir()) == []
 
 
 def test_a_full_queue(small: Any, ball: dict[str, Any]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 import sqlalchemy as sa
@@ -385,6 +386,24 @@ def _schema(connection: sa.Connection) -> dict[str, list[str]]:
     rows = connection.exec_driver_sql("SELECT name, sql FROM sqlite_master WHERE sql <> ''")
     # The order of the constraints in a table is of no matter.
     return {name: sorted(re.split(r",?\s*\n\s*", sql.strip())) for name, sql in rows}
+
+
+def test_the_queue_is_read_in_the_order_of_its_index(sqlite_store: Store) -> None:
+    asked: list[str] = []
+
+    def note(*arguments: Any) -> None:
+        asked.append(arguments[2])
+
+    add(sqlite_store)
+    sa.event.listen(sa.Engine, "before_cursor_execute", note)
+    sqlite_store.claim("me", 30.0)
+    sa.event.remove(sa.Engine, "before_cursor_execute", note)
+    query = next(sql for sql in asked if "not_before_ms <=" in sql)
+    with sqlite_store.database.read() as connection:
+        plan = connection.exec_driver_sql(f"EXPLAIN QUERY PLAN {query}", (0, 1, 0)).all()
+    text = " ".join(row[3] for row in plan)
+    assert "ix_jobs_queue" in text
+    assert "B-TREE" not in text
 
 
 def test_a_second_migration_changes_nothing(store: Store) -> None:

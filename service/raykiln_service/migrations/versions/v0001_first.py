@@ -98,7 +98,7 @@ def _job_indexes() -> None:
     op.create_index(
         "ix_jobs_queue",
         "jobs",
-        [sa.text("priority DESC"), "seq"],
+        ["state", sa.text("priority DESC"), "seq"],
         sqlite_where=queued,
         postgresql_where=queued,
     )
