@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 from raykiln import _core, formats
@@ -38,6 +39,15 @@ def load_scene(scene: str | Path, *, base_dir: str | Path | None = None) -> Scen
         There is no such file, it is damaged, or its format is not known.
     """
     return formats.load(find_scene(scene), base_dir=base_dir)
+
+
+def heading_of(path: Path) -> tuple[str | None, str | None]:
+    """Name and description of a scene file; one in the native format is not built for it."""
+    if path.suffix == ".json":
+        data = json.loads(path.read_bytes())
+        return data.get("name"), data.get("description")
+    scene = load_scene(path)
+    return scene.name, scene.description
 
 
 def _folder() -> Path:

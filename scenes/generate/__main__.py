@@ -11,7 +11,8 @@ from importlib import import_module
 from pathlib import Path
 
 FOLDER = Path(__file__).parent
-SCENES = sorted(path.stem for path in FOLDER.glob("*.py") if path.stem not in {"__main__", "glb", "kit", "paint"})
+HELPERS = {"__main__", "glb", "kit", "paint"}
+SCENES = sorted({path.stem for path in FOLDER.glob("*.py")} - HELPERS)
 
 
 def main() -> None:

@@ -10,7 +10,7 @@ import math
 from typing import Any
 
 import numpy as np
-from kit import scene_json
+from kit import quad_faces, scene_json
 from raykiln.formats.spectra import rgb_of_constant, rgb_of_samples
 
 MM = 0.001
@@ -48,40 +48,40 @@ LIGHT_REFLECTANCE = 0.78
 EXPOSURE = 2.0
 
 # Corners of the quadrilaterals, counter-clockwise from inside the box (of the blocks: outside).
-FLOOR = [(552.8, 0, 0), (0, 0, 0), (0, 0, 559.2), (549.6, 0, 559.2)]
-CEILING = [(556, 548.8, 0), (556, 548.8, 559.2), (0, 548.8, 559.2), (0, 548.8, 0)]
-LIGHT = [(343, 548.8, 227), (343, 548.8, 332), (213, 548.8, 332), (213, 548.8, 227)]
-BACK_WALL = [(549.6, 0, 559.2), (0, 0, 559.2), (0, 548.8, 559.2), (556, 548.8, 559.2)]
-RIGHT_WALL = [(0, 0, 559.2), (0, 0, 0), (0, 548.8, 0), (0, 548.8, 559.2)]
-LEFT_WALL = [(552.8, 0, 0), (549.6, 0, 559.2), (556, 548.8, 559.2), (556, 548.8, 0)]
-SHORT_BLOCK_TOP = [(130, 165, 65), (82, 165, 225), (240, 165, 272), (290, 165, 114)]
-TALL_BLOCK_TOP = [(423, 330, 247), (265, 330, 296), (314, 330, 456), (472, 330, 406)]
+Corner = tuple[float, float, float]
+Quad = list[Corner]
+
+FLOOR: Quad = [(552.8, 0, 0), (0, 0, 0), (0, 0, 559.2), (549.6, 0, 559.2)]
+CEILING: Quad = [(556, 548.8, 0), (556, 548.8, 559.2), (0, 548.8, 559.2), (0, 548.8, 0)]
+LIGHT: Quad = [(343, 548.8, 227), (343, 548.8, 332), (213, 548.8, 332), (213, 548.8, 227)]
+BACK_WALL: Quad = [(549.6, 0, 559.2), (0, 0, 559.2), (0, 548.8, 559.2), (556, 548.8, 559.2)]
+RIGHT_WALL: Quad = [(0, 0, 559.2), (0, 0, 0), (0, 548.8, 0), (0, 548.8, 559.2)]
+LEFT_WALL: Quad = [(552.8, 0, 0), (549.6, 0, 559.2), (556, 548.8, 559.2), (556, 548.8, 0)]
+SHORT_BLOCK_TOP: Quad = [(130, 165, 65), (82, 165, 225), (240, 165, 272), (290, 165, 114)]
+TALL_BLOCK_TOP: Quad = [(423, 330, 247), (265, 330, 296), (314, 330, 456), (472, 330, 406)]
 
 FOCAL_LENGTH, FILM_WIDTH = 0.035, 0.025
 
-Quads = list[list[tuple[float, float, float]]]
 
-
-def block(top: list[tuple[float, float, float]]) -> Quads:
+def block(top: Quad) -> list[Quad]:
     """The top and the four sides of a block that stands on the floor."""
-    sides = [
+    sides: list[Quad] = [
         [p, q, (q[0], 0, q[2]), (p[0], 0, p[2])]
         for q, p in zip(top, [*top[1:], top[0]], strict=True)
     ]
     return [top, *sides]
 
 
-def around(outer: list[Any], inner: list[Any]) -> Quads:
+def around(outer: list[Any], inner: list[Any]) -> list[Quad]:
     """What lies between two quadrilaterals: the ceiling has a hole where the light is."""
     turned = [(*outer[1:], outer[0]), (*inner[1:], inner[0])]
     return [list(q) for q in zip(outer, turned[0], turned[1], inner, strict=True)]
 
 
-def mesh(name: str, material: str, quads: Quads) -> dict[str, Any]:
+def mesh(name: str, material: str, quads: list[Quad]) -> dict[str, Any]:
     """A mesh of quadrilaterals, in metres."""
     corners = np.array(quads, np.float64).reshape(-1, 3) * MM
-    first = 4 * np.arange(len(quads))[:, None]
-    faces = np.concatenate([first + [0, 1, 2], first + [0, 2, 3]])
+    faces = quad_faces(len(quads))
     return {
         "type": "mesh",
         "name": name,

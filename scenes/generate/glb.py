@@ -38,7 +38,8 @@ class GlbWriter:
         }
         indices = self._accessor(np.asarray(faces, np.uint16).reshape(-1, 1))
         primitive = {"attributes": attributes, "indices": indices, "material": material}
-        return self.add("nodes", name=name, mesh=self.add("meshes", name=name, primitives=[primitive]))
+        mesh = self.add("meshes", name=name, primitives=[primitive])
+        return self.add("nodes", name=name, mesh=mesh)
 
     def image(self, name: str, png: bytes) -> dict[str, int]:
         """A textureInfo of an embedded PNG."""

@@ -6,12 +6,13 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from kit import Array, coarse, directions, lobe, scene_json, unit
+from kit import Array, coarse, directions, lobe, quad_faces, scene_json, unit
 from numpy.random import Generator, default_rng
 
 GRID = 1 / 1024  # vertices are rounded to this many metres
 SIZE, CELLS = 130.0, 104  # of the terrain, in metres and in cells a side
 SUN = unit([-0.62, 0.62, 0.3])
+UP = np.array([0.0, 1.0, 0.0])
 EYE = np.array([0.0, 0.0, 50.0])
 
 
@@ -40,8 +41,9 @@ def trunk(height: float, radius: float, sides: int = 7, bend: float = 0.0) -> Tr
     y = np.broadcast_to(height * share[:, None], x.shape)
     low = np.arange(sides * (rings - 1))
     beside = low // sides * sides + (low + 1) % sides
+    above = low + sides
     faces = np.concatenate(
-        [np.stack([low, low + sides, beside], 1), np.stack([beside, low + sides, beside + sides], 1)]
+        [np.stack([low, above, beside], 1), np.stack([beside, above, beside + sides], 1)]
     )
     return Triangles(np.stack([x, y, z], -1).reshape(-1, 3), faces)
 
@@ -51,10 +53,7 @@ def leaves(centers: Array, along: Array, across: Array) -> Triangles:
     corners = np.stack(
         [centers - along, centers + across - 0.2 * along, centers + along, centers - across], axis=1
     )
-    first = 4 * np.arange(len(centers))[:, None]
-    return Triangles(
-        corners.reshape(-1, 3), np.concatenate([first + [0, 1, 2], first + [0, 2, 3]])
-    )
+    return Triangles(corners.reshape(-1, 3), quad_faces(len(centers)))
 
 
 def spruce(random: Generator) -> tuple[Triangles, Triangles]:
@@ -76,7 +75,7 @@ def spruce(random: Generator) -> tuple[Triangles, Triangles]:
                     twigs.append((way + random.normal(0, 0.12, 3)) * (0.16 + 0.15 * reach) * 0.8)
                     stems.append(point + 0.75 * twigs[-1])
     along = np.array(twigs)
-    across = unit(np.cross(along, random.normal(0, 0.35, along.shape) + [0, 1, 0]))
+    across = unit(np.cross(along, random.normal(0, 0.35, along.shape) + UP))
     width = 0.22 * np.linalg.norm(along, axis=1, keepdims=True)
     return trunk(9.6, 0.17), leaves(np.array(stems), along, across * width)
 
@@ -88,11 +87,11 @@ def broadleaf(random: Generator, height: float, blobs: int, count: int) -> tuple
     centers = middle + random.normal(0, 1, (blobs, 3)) * height * np.array([0.15, 0.1, 0.15])
     radii = height * random.uniform(0.11, 0.19, blobs)
     chosen = random.integers(blobs, size=count)
-    outward = unit(random.normal(0, 1, (count, 3)) + [0, 0.25, 0])
+    outward = unit(random.normal(0, 1, (count, 3)) + 0.25 * UP)
     depth = radii[chosen] * random.uniform(0.72, 1.05, count)
     points = centers[chosen] + outward * depth[:, None]
     # Leaves hang outwards and down, turned a little at random.
-    along = unit(outward + [0, -0.7, 0] + random.normal(0, 0.45, (count, 3)))
+    along = unit(outward - 0.7 * UP + random.normal(0, 0.45, (count, 3)))
     across = unit(np.cross(along, outward + random.normal(0, 0.5, (count, 3))))
     size = height * 0.021 * random.uniform(0.8, 1.25, (count, 1))
     return trunk(0.72 * height, 0.03 * height, bend=bend), leaves(
@@ -102,10 +101,10 @@ def broadleaf(random: Generator, height: float, blobs: int, count: int) -> tuple
 
 def bush(random: Generator, count: int) -> Triangles:
     """A low cushion of leaves, 1 m high."""
-    outward = unit(random.normal(0, 1, (count, 3)) * [1, 0.7, 1] + [0, 0.35, 0])
+    outward = unit(random.normal(0, 1, (count, 3)) * [1, 0.7, 1] + 0.35 * UP)
     points = outward * random.uniform(0.6, 0.95, (count, 1)) * [0.9, 0.75, 0.9]
     points[:, 1] = np.abs(points[:, 1])
-    along = unit(outward + [0, 0.5, 0] + random.normal(0, 0.4, (count, 3)))
+    along = unit(outward + 0.5 * UP + random.normal(0, 0.4, (count, 3)))
     across = unit(np.cross(along, random.normal(0, 1, (count, 3))))
     return leaves(points, along * 0.1, across * 0.045)
 
@@ -114,7 +113,7 @@ def grass(random: Generator, blades: int) -> Triangles:
     """A tuft of single-triangle blades, half a metre high."""
     foot = random.normal(0, 0.34, (blades, 3)) * [1, 0, 1]
     lean = random.normal(0, 0.16, (blades, 3)) * [1, 0, 1] + foot * 0.5
-    tip = foot + lean + np.stack([0 * foot[:, 0], random.uniform(0.25, 0.55, blades), 0 * foot[:, 0]], 1)
+    tip = foot + lean + random.uniform(0.25, 0.55, (blades, 1)) * UP
     side = unit(random.normal(0, 1, (blades, 3)) * [1, 0, 1]) * 0.022
     vertices = np.stack([foot - side, foot + side, tip], axis=1).reshape(-1, 3)
     return Triangles(vertices, np.arange(3 * blades).reshape(-1, 3))

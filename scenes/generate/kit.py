@@ -64,6 +64,12 @@ def unit(vector: Any) -> Array:
     return normalized
 
 
+def quad_faces(count: int) -> NDArray[np.int64]:
+    """Two triangles for each four vertices in a row."""
+    first = 4 * np.arange(count)[:, None]
+    return np.concatenate([first + np.array([0, 1, 2]), first + np.array([0, 2, 3])])
+
+
 def placement(center: Any, x: Any, y: Any, z: Any) -> Array:
     """The matrix (4, 4) that takes the axes of a shape to the vectors x, y, z around `center`."""
     matrix = np.eye(4)

@@ -64,6 +64,7 @@ def tower(number: int) -> dict[str, Any]:
 def build() -> dict[str, bytes]:
     """The files of the scene."""
     ground = placement([0, 0, 0], [40, 0, 0], [0, 0, -40], [0, 1, 0])
+    stage = {"type": "rectangle", "name": "ground", "material": "ground", "transform": rows(ground)}
     scene = {
         "version": 1,
         "name": "A thousand lamps",
@@ -82,7 +83,7 @@ def build() -> dict[str, bytes]:
             "ground": {"type": "plastic", "diffuse_reflectance": 0.3, "alpha": 0.12},
         },
         "shapes": [
-            {"type": "rectangle", "name": "ground", "material": "ground", "transform": rows(ground)},
+            stage,
             *(tower(i) for i in range(TOWERS)),
             *(lamp(i) for i in range(LAMPS)),
         ],

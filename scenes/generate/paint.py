@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +21,7 @@ SPECKLE = np.array([0.55, 0.5, 0.4])
 GOLD = np.array([0.98, 0.7, 0.27])
 
 # Letters as strokes in a box 1 wide and 1.5 high, y down.
-LETTERS = {
+LETTERS: dict[str, list[list[tuple[float, float]]]] = {
     "R": [[(0, 1.5), (0, 0), (0.6, 0), (0.9, 0.2), (0.9, 0.55), (0.6, 0.78), (0, 0.78)],
           [(0.5, 0.78), (0.95, 1.5)]],
     "A": [[(0, 1.5), (0.5, 0), (1, 1.5)], [(0.18, 1.0), (0.82, 1.0)]],
@@ -55,7 +56,7 @@ def distance_to(strokes: Strokes, x: Array, y: Array) -> Array:
     """Distance to the nearest of the line strokes."""
     nearest = np.full(x.shape, np.inf)
     for stroke in strokes:
-        for (ax, ay), (bx, by) in zip(stroke, stroke[1:], strict=False):
+        for (ax, ay), (bx, by) in pairwise(stroke):
             dx, dy = bx - ax, by - ay
             t = np.clip(((x - ax) * dx + (y - ay) * dy) / (dx * dx + dy * dy), 0, 1)
             nearest = np.minimum(nearest, np.hypot(x - ax - t * dx, y - ay - t * dy))
@@ -65,7 +66,8 @@ def distance_to(strokes: Strokes, x: Array, y: Array) -> Array:
 def word(center: float, top: float, scale: float) -> Strokes:
     """The name in letters `1.5 scale` high."""
     total = sum(ADVANCE.get(c, 1.45) for c in WORD) - 0.45
-    left, strokes = center - total * scale / 2, []
+    left = center - total * scale / 2
+    strokes: Strokes = []
     for c in WORD:
         for line in LETTERS[c]:
             strokes.append([(left + px * scale, top + py * scale) for px, py in line])

@@ -164,7 +164,8 @@ def sky() -> Array:
     strip = (np.abs(bearing - 78) < 9) & (np.abs(elevation - 28) < 30)
     image = np.where(strip[..., None], np.array([7.0, 5.6, 4.2]), image)
     above = np.exp(18 * (toward @ unit([0.1, 1.0, -0.35]) - 1))[..., None]
-    return image + above * np.array([2.2, 2.1, 2.0])
+    lit: Array = image + above * np.array([2.2, 2.1, 2.0])
+    return lit
 
 
 def materials(glb: GlbWriter) -> dict[str, int]:
@@ -253,8 +254,8 @@ def build() -> dict[str, bytes]:
     nodes = []
     for name, material, surface, place in surfaces():
         at = placement(np.array(place) * CM, *np.eye(3))[:3, 3]
-        arrays = [coarse(a, 2.0**-20) for a in surface[:3]]
-        node = glb.mesh(name, *arrays, surface.faces, names[material])
+        vertices, normals, uvs = (coarse(a, 2.0**-20) for a in surface[:3])
+        node = glb.mesh(name, vertices, normals, uvs, surface.faces, names[material])
         glb.document["nodes"][node]["translation"] = [round(float(x), 4) for x in at]
         nodes.append(node)
     lens = {"yfov": math.radians(19.5), "znear": 0.01, "aspectRatio": 16 / 9}
@@ -272,6 +273,7 @@ def build() -> dict[str, bytes]:
     aim = look([38.0, 42.0, -38.0], [0.0, 6.0, 0.0])
     nodes.append(glb.add("nodes", name="rim", extensions=extension, matrix=aim))
     own = {
+        "name": "Product shot",
         "description": "A textured glTF product shot: a glazed mug with a name in gold leaf, "
         "a walnut coaster and a brass caddy, under a window sky painted by code.",
         "settings": {"width": 960, "height": 540, "spp": 128, "max_depth": 8},

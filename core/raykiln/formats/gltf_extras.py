@@ -1,7 +1,7 @@
 """What glTF has no words for, in the application-specific data (`extras`) of a glTF scene.
 
-`{"raykiln": {"description": ..., "settings": {...}, "lights": [...]}}`, each as in the native
-format; so a glTF file can bring an environment light and its render settings.
+`{"raykiln": {"name": ..., "description": ..., "settings": {...}, "lights": [...]}}`, each as in
+the native format: so a glTF file can bring an environment light and its render settings.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from raykiln.formats.files import Files
 from raykiln.formats.json_text import Item
 from raykiln.scene import Scene
 
-KEYS = ("description", "settings", "lights")
+KEYS = ("name", "description", "settings", "lights")
 
 
 def add_extras(item: Item, files: Files, scene: Scene) -> None:
@@ -28,6 +28,7 @@ def add_extras(item: Item, files: Files, scene: Scene) -> None:
         raise SceneError("an unknown field", pointer=own.pointer, found=unknown[0],
                          accepted=", ".join(KEYS))  # fmt: skip
     part = _read(own, files)
+    scene.name = part.name or scene.name
     scene.description = part.description
     scene.settings = part.settings
     scene.lights += part.lights

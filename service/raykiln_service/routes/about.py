@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 import raykiln as rk
 from fastapi import APIRouter, Response
 from fastapi.responses import FileResponse, JSONResponse
+from raykiln.bundled import heading_of
 from raykiln.settings import RenderSettings
 
 from raykiln_service.errors import NotFoundError
@@ -95,9 +95,5 @@ def web_file(name: str) -> FileResponse:
 
 @cache
 def _scene_view(name: str, path: Path) -> SceneView:
-    # The native format names itself; other formats need not be loaded only to be listed.
-    title = description = None
-    if path.suffix == ".json":
-        data = json.loads(path.read_bytes())
-        title, description = data.get("name"), data.get("description")
+    title, description = heading_of(path)
     return SceneView(name=name, title=title, description=description)
