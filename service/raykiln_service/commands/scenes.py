@@ -91,16 +91,11 @@ def scenes(
     as_json: Annotated[bool, typer.Option("--json", help="As JSON.")] = False,
 ) -> None:
     """List the bundled scenes; their names work wherever SCENE does."""
-    import json
-
-    from raykiln import bundled_scenes
+    from raykiln.bundled import bundled_scenes, heading_of
 
     rows = []
     for name, path in sorted(bundled_scenes().items()):
-        row = {"name": name, "description": "", "path": str(path)}
-        if path.suffix == ".json":
-            row["description"] = json.loads(path.read_text()).get("description") or ""
-        rows.append(row)
+        rows.append({"name": name, "description": heading_of(path)[1] or "", "path": str(path)})
     if as_json:
         print_json(rows)
         return
