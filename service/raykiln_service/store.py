@@ -189,14 +189,25 @@ class Store(LeaseStore):
 
     def queue_positions(self, found: Sequence[Job]) -> dict[str, int]:
         """How many jobs go before each of the queued ones among `found`, by id."""
-        wanted = [job.id for job in found if job.state is JobState.QUEUED]
-        if not wanted:
+        queued = [job for job in found if job.state is JobState.QUEUED]
+        if not queued:
             return {}
+        if len(queued) == 1:
+            return {queued[0].id: self._count_before(queued[0])}
+        wanted = [job.id for job in queued]
         place = sa.func.row_number().over(order_by=(jobs.c.priority.desc(), jobs.c.seq))
         queue = sa.select(jobs.c.id, (place - 1).label("place")).where(IS_QUEUED).subquery()
         query = sa.select(queue.c.id, queue.c.place).where(queue.c.id.in_(wanted))
         with self.database.read() as connection:
             return {job_id: int(number) for job_id, number in connection.execute(query)}
+
+    def _count_before(self, job: Job) -> int:
+        # Cheaper than numbering the whole queue.
+        more_urgent = jobs.c.priority > job.spec.priority
+        older = sa.and_(jobs.c.priority == job.spec.priority, jobs.c.seq < job.seq)
+        query = sa.select(sa.func.count()).where(IS_QUEUED, sa.or_(more_urgent, older))
+        with self.database.read() as connection:
+            return int(connection.execute(query).scalar_one())
 
     def count_by_state(self) -> dict[JobState, int]:
         """How many jobs are in each state."""

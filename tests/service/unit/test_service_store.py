@@ -284,6 +284,8 @@ def test_higher_priority_goes_first_then_age(store: Store) -> None:
         add(store, name, priority=priority)
     found = [store.job(name) for name in "abcd"]
     assert store.queue_positions(found) == {"b": 0, "c": 1, "a": 2, "d": 3}
+    for job in found:
+        assert store.queue_positions([job])[job.id] == store.queue_positions(found)[job.id]
     order = []
     while (job := store.claim("me", 30.0)) is not None:
         order.append(job.id)
