@@ -290,7 +290,7 @@ def test_higher_priority_goes_first_then_age(store: Store) -> None:
     while (job := store.claim("me", 30.0)) is not None:
         order.append(job.id)
     assert order == ["b", "c", "a", "d"]
-    assert store.queue_positions(found[:1]) == {}
+    assert store.queue_positions([store.job("a")]) == {}
 
 
 def test_pages_are_newest_first_and_lose_nothing_when_jobs_come(store: Store) -> None:
