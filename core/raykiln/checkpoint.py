@@ -1,33 +1,43 @@
-"""The state of a render on disk, so that it can go on after any interruption."""
+"""The state of a render on disk, so that it can go on after any interruption.
+
+A file is `MAGIC`, the SHA-256 of what follows, and a NumPy archive of the film's planes with a
+JSON header.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
-import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from raykiln import _core
-from raykiln.errors import RenderError, shorten
+from raykiln.errors import RenderError
 from raykiln.image import write_atomically
 
-FORMAT = 1
+MAGIC = b"raykiln checkpoint 2\n"
 
 
-def save(path: Path, renderer: _core.Renderer, identity: dict[str, Any], work: dict[str, Any]) -> None:
+def save(
+    path: Path, renderer: _core.Renderer, identity: dict[str, Any], work: dict[str, Any]
+) -> None:
     """Write the film's sums; `identity` must match to resume, `work` is added to what follows.
 
     The file appears whole or not at all and is on disk when this returns.  Raises `RenderError`
     where it cannot be written.
     """
-    header = json.dumps({"format": FORMAT, "identity": identity, "work": work})
+    header = json.dumps({"identity": identity, "work": work})
     buffer = io.BytesIO()
+    body = len(MAGIC) + hashlib.sha256().digest_size
+    buffer.write(bytes(body))
     np.savez(buffer, header=np.array(header), **renderer.planes())
+    content = buffer.getbuffer()
+    content[:body] = MAGIC + hashlib.sha256(content[body:]).digest()
     try:
-        write_atomically(path, buffer.getbuffer())
+        write_atomically(path, content)
     except OSError as error:
         raise RenderError(f"{path}: the checkpoint cannot be written: {error.strerror}") from None
 
@@ -37,13 +47,9 @@ def load(path: Path, renderer: _core.Renderer, identity: dict[str, Any]) -> dict
 
     Raises `RenderError` if the file is damaged or belongs to another scene, setting or version.
     """
-    try:
-        # Every member of the archive carries a checksum that reading verifies.
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            header = json.loads(str(archive["header"]))
-            stored = {name: archive[name] for name in archive.files if name != "header"}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-        raise RenderError(f"{path}: the checkpoint is damaged: {shorten(str(error))}") from None
+    with np.load(io.BytesIO(_body(path)), allow_pickle=False) as archive:
+        header = json.loads(str(archive["header"]))
+        stored = {name: archive[name] for name in archive.files if name != "header"}
     _check_identity(path, header, identity)
     for name, plane in renderer.planes().items():
         if name not in stored or stored[name].shape != plane.shape:
@@ -54,12 +60,24 @@ def load(path: Path, renderer: _core.Renderer, identity: dict[str, Any]) -> dict
     return work
 
 
-def _check_identity(path: Path, header: Any, identity: dict[str, Any]) -> None:
-    if not isinstance(header, dict) or header.get("format") != FORMAT:
+def _body(path: Path) -> bytes:
+    """The archive, as it was written."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise RenderError(f"{path}: the checkpoint cannot be read: {error.strerror}") from None
+    if not content.startswith(MAGIC):
         raise RenderError(f"{path}: not a checkpoint of this version of raykiln")
-    found = header.get("identity")
+    body = len(MAGIC) + hashlib.sha256().digest_size
+    if content[len(MAGIC) : body] != hashlib.sha256(content[body:]).digest():
+        raise RenderError(f"{path}: the checkpoint is damaged")
+    return content[body:]
+
+
+def _check_identity(path: Path, header: dict[str, Any], identity: dict[str, Any]) -> None:
+    found = header["identity"]
     # Through JSON, as the stored one went.
     wanted = json.loads(json.dumps(identity))
     if found != wanted:
-        names = [k for k in wanted if not isinstance(found, dict) or found.get(k) != wanted[k]]
+        names = [name for name in wanted if found.get(name) != wanted[name]]
         raise RenderError(f"{path}: the checkpoint belongs to another render ({', '.join(names)})")

@@ -229,8 +229,7 @@ class _Job:
         if threshold is None or self.renderer.samples_done < MIN_SPP_FOR_NOISE:
             return False
         error = np.sqrt(self._variance())
-        luminance = self._image() @ np.array([0.212671, 0.715160, 0.072169], np.float32)
-        return bool(np.mean(error / (luminance + 0.01)) < threshold)
+        return bool(np.mean(error / (_luminance(self._image()) + 0.01)) < threshold)
 
     def _progress(self) -> Progress:
         total = self.pixels * self.settings.spp
@@ -271,7 +270,7 @@ class _Job:
         """Of each pixel's mean luminance, as if the samples were independent."""
         planes = self.renderer.planes()
         count = np.maximum(planes["counts"], 1).astype(np.float32)
-        mean = self._image() @ np.array([0.212671, 0.715160, 0.072169], np.float32)
+        mean = _luminance(self._image())
         spread = np.maximum(planes["luminance_squared"] / count - mean * mean, 0)
         return (spread / np.maximum(count - 1, 1)).astype(np.float32)
 
@@ -320,6 +319,13 @@ def _mean(sums: Any, counts: Any) -> Pixels:
         divisor = divisor[..., None]
     mean: Pixels = (sums / divisor).astype(np.float32)
     return mean
+
+
+def _luminance(image: Pixels) -> Pixels:
+    # Not a matrix product: its order of adding, and so its bits, would depend on the image's size.
+    red, green, blue = np.float32(0.212671), np.float32(0.715160), np.float32(0.072169)
+    luminance: Pixels = image[..., 0] * red + image[..., 1] * green + image[..., 2] * blue
+    return luminance
 
 
 def _denoise(result: RenderResult, keep: tuple[str, ...]) -> None:
