@@ -48,7 +48,10 @@ PYTHON_ROOMS: dict[str, Room] = {
     "_core": Room({"raykiln._core"}, set()),
     "errors": Room({"raykiln.errors"}, set()),
     "scene": Room(
-        {f"raykiln.{name}" for name in ("arrays", "metals", "primitives", "scene", "settings", "studio")},
+        {
+            f"raykiln.{name}"
+            for name in ("arrays", "metals", "primitives", "scene", "settings", "studio")
+        },
         {"errors"},
     ),
     "_image": Room({"raykiln._image"}, set()),

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import tomllib
 import zipfile
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +37,10 @@ def test_there_is_one_version(declared: dict[str, Any]) -> None:
     wanted = declared["project"]["version"]
     assert rk.__version__ == wanted
     assert raykiln._core.__version__ == wanted
-    assert version("raykiln") == wanted
+    try:
+        assert version("raykiln") == wanted
+    except PackageNotFoundError:
+        pytest.skip("used from its source folder, not installed")
 
 
 def test_every_dependency_is_pinned(repo_root: Path, declared: dict[str, Any]) -> None:
@@ -46,7 +49,7 @@ def test_every_dependency_is_pinned(repo_root: Path, declared: dict[str, Any]) -
     project = declared["project"]
     wanted = [*project["dependencies"], *declared["build-system"]["requires"]]
     wanted += [need for extra in project["optional-dependencies"].values() for need in extra]
-    names = {need.partition(">")[0].strip().lower().replace("_", "-") for need in wanted}
+    names = {re.split(r"[\[>]", need)[0].lower().replace("_", "-") for need in wanted}
     assert names <= pins
 
 
@@ -106,6 +109,7 @@ def test_the_wheel_holds_what_it_needs(repo_root: Path, tmp_path: Path) -> None:
     }
     assert scenes, "no bundled scenes"
     assert scenes <= held
-    assert any(re.fullmatch(r"raykiln/_core\.[\w.-]+\.so", name) for name in held)
+    compiled = {name.partition(".")[0] for name in held if name.endswith(".so")}
+    assert compiled == {"raykiln/_core", "raykiln/_image"}
     assert any(name.endswith("LICENSE") for name in held)
     assert not any(name.endswith((".cpp", ".h")) for name in held)
