@@ -1,7 +1,7 @@
 #include "render/filter.h"
 
+#include <algorithm>
 #include <cmath>
-#include <vector>
 
 #include "sampling/warp.h"
 
@@ -43,35 +43,38 @@ float radius_of(FilterKind kind) {
     return 0.5f;
 }
 
-double integral(FilterKind kind) {
-    constexpr int n = 1 << 16;
+/// Integral of the shape over one of n even parts of (-1, 1), by the midpoint rule.
+double part_of_integral(FilterKind kind, int part, int n) {
+    constexpr int steps = 64;
     double sum = 0;
-    for (int i = 0; i < n; ++i) {
-        sum += shape(kind, 2.0 * (i + 0.5) / n - 1.0) * 2.0 / n;
+    for (int i = 0; i < steps; ++i) {
+        sum += shape(kind, 2.0 * (part + (i + 0.5) / steps) / n - 1.0);
     }
-    return sum;
+    return sum * 2.0 / n / steps;
 }
 
 }  // namespace
 
-Filter::Filter(FilterKind kind) : kind_(kind), radius_(radius_of(kind)) {
-    // Tabulate where the running integral crosses each fraction.
-    constexpr int n = 1 << 16;
-    const double total = integral(kind);
-    double running = 0;
-    int next = 1;
-    inverse_cdf_[0] = -radius_;
-    for (int i = 0; i < n && next < segments; ++i) {
-        const double step = shape(kind, 2.0 * (i + 0.5) / n - 1.0) * 2.0 / n / total;
-        while (next < segments &&
-               running + step >= static_cast<double>(next) / segments) {
-            const double within = (static_cast<double>(next) / segments - running) / step;
-            inverse_cdf_[static_cast<std::size_t>(next++)] =
-                static_cast<float>((2.0 * (i + within) / n - 1.0) * radius_);
-        }
-        running += step;
+Filter::Filter(FilterKind kind) : kind_(kind), radius_(radius_of(kind)), integral_(0) {
+    std::array<double, cells> masses{};
+    for (int i = 0; i < cells; ++i) {
+        integral_ += masses[static_cast<std::size_t>(i)] =
+            part_of_integral(kind, i, cells);
     }
-    inverse_cdf_[segments] = radius_;
+    double running = 0;
+    for (std::size_t i = 0; i < cells; ++i) {
+        running += masses[i];
+        cdf_[i + 1] = static_cast<float>(running / integral_);
+    }
+    cdf_[cells] = 1.0f;
+    std::size_t cell = 0;
+    for (std::size_t i = 0; i <= parts; ++i) {
+        const float u = static_cast<float>(i) / parts;
+        while (cell + 1 < cells && cdf_[cell + 1] <= u) {
+            ++cell;
+        }
+        first_[i] = static_cast<std::uint16_t>(cell);
+    }
 }
 
 float Filter::offset(float u) const {
@@ -83,18 +86,22 @@ float Filter::offset(float u) const {
         default:
             break;
     }
-    const float x = u * segments;
-    const int i = std::min(static_cast<int>(x), segments - 1);
-    return lerp(inverse_cdf_[static_cast<std::size_t>(i)],
-                inverse_cdf_[static_cast<std::size_t>(i + 1)], x - static_cast<float>(i));
+    // The cell that holds u, and where in it: there are as many as make the tails, where
+    // little of the filter is spread wide, come out right.
+    const auto part = static_cast<std::size_t>(u * parts);
+    const auto upper = std::upper_bound(cdf_.begin() + first_[part] + 1,
+                                        cdf_.begin() + first_[part + 1] + 1, u);
+    const auto cell = upper - cdf_.begin() - 1;
+    const float below = *(upper - 1);
+    const float within = *upper > below ? (u - below) / (*upper - below) : 0.5f;
+    return ((static_cast<float>(cell) + within) * (2.0f / cells) - 1.0f) * radius_;
 }
 
 float Filter::density(float offset) const {
     if (std::fabs(offset) > radius_) {
         return 0.0f;
     }
-    return static_cast<float>(shape(kind_, offset / radius_) /
-                              (integral(kind_) * radius_));
+    return static_cast<float>(shape(kind_, offset / radius_) / (integral_ * radius_));
 }
 
 }  // namespace raykiln

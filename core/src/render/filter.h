@@ -20,10 +20,12 @@ class Filter {
     float radius() const { return radius_; }
 
   private:
-    static constexpr int segments = 256;
+    static constexpr int cells = 1024, parts = 256;
     FilterKind kind_;
     float radius_;
-    std::array<float, segments + 1> inverse_cdf_{};
+    double integral_;                               // of the shape over (-1, 1)
+    std::array<float, cells + 1> cdf_{};            // of the even cells across it
+    std::array<std::uint16_t, parts + 1> first_{};  // cell that holds u = i / parts
 };
 
 }  // namespace raykiln
