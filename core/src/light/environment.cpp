@@ -69,7 +69,7 @@ float pdf_environment(const EnvironmentLight& light, const Vec3f& direction) {
         return 0.25f * inv_pi;
     }
     const Vec3f local = light.world_from_light.to_local(direction);
-    const float sine = safe_sqrt(1.0f - local.y * local.y);
+    const float sine = sine_to_axis(local);
     if (sine <= 0.0f) {
         return 0.0f;
     }
@@ -83,7 +83,7 @@ Vec3f sample_environment(const EnvironmentLight& light, float u, float v, float&
     }
     const Vec2f uv = light.distribution.sample(u, v, pdf);
     const Vec3f local = direction_of_uv(uv);
-    const float sine = safe_sqrt(1.0f - local.y * local.y);
+    const float sine = sine_to_axis(local);
     pdf = sine > 0.0f ? pdf / (2.0f * pi * pi * sine) : 0.0f;
     return light.world_from_light.to_world(local);
 }

@@ -8,10 +8,17 @@
 
 namespace raykiln {
 
+/// Sine of a unit direction's angle to the y axis. Near the poles y alone does not tell:
+/// it rounds to 1.
+template <class F>
+inline F sine_to_axis(const Vec3<F>& d) {
+    return sqrt(d.x * d.x + d.z * d.z);
+}
+
 template <class F>
 inline Vec2<F> uv_of_direction(const Vec3<F>& d) {
     const F u = atan2(d.x, F(0.0f) - d.z) * F(inv_two_pi);
-    return {u - floor(u), acos(d.y) * F(inv_pi)};
+    return {u - floor(u), atan2(sine_to_axis(d), d.y) * F(inv_pi)};
 }
 
 template <class F>
