@@ -40,6 +40,8 @@ GgxAlbedo integrate(float alpha, float cosine) {
     return {static_cast<float>(at_f0), static_cast<float>(at_f90)};
 }
 
+/// Nodes are even in the root of the cosine: towards grazing angles Fresnel's reflectance
+/// rises too steeply for even cosines.
 struct Table {
     std::array<std::array<GgxAlbedo, cosines>, roughnesses> towards;
     std::array<GgxAlbedo, roughnesses> mean;
@@ -50,12 +52,12 @@ struct Table {
             const float alpha = std::max(roughness * roughness, min_alpha);
             double at_f0 = 0, at_f90 = 0, weights = 0;
             for (int c = 0; c < cosines; ++c) {
-                const float cosine =
-                    std::max(static_cast<float>(c) / (cosines - 1), 1e-3f);
+                const float root = static_cast<float>(c) / (cosines - 1);
+                const float cosine = std::max(sqr(root), 1e-3f);
                 const GgxAlbedo a = integrate(alpha, cosine);
                 towards[static_cast<std::size_t>(r)][static_cast<std::size_t>(c)] = a;
-                // Trapezium rule; the weight of the first node is 0 by its cosine.
-                const double weight = cosine * (c == cosines - 1 ? 0.5 : 1.0);
+                // Trapezium rule over the root; the weight of the first node is 0 by it.
+                const double weight = cosine * root * (c == cosines - 1 ? 0.5 : 1.0);
                 at_f0 += a.at_f0 * weight;
                 at_f90 += a.at_f90 * weight;
                 weights += weight;
@@ -91,7 +93,7 @@ GgxAlbedo mix(const GgxAlbedo& a, const GgxAlbedo& b, float t) {
 
 GgxAlbedo ggx_albedo(float alpha, float cosine) {
     const Place r = place_of(std::sqrt(alpha), roughnesses);
-    const Place c = place_of(cosine, cosines);
+    const Place c = place_of(safe_sqrt(cosine), cosines);
     const auto& low = table().towards[r.node];
     const auto& high = table().towards[r.node + 1];
     return mix(mix(low[c.node], low[c.node + 1], c.rest),
