@@ -1,0 +1,178 @@
+#include <gtest/gtest.h>
+
+#include "light/light.h"
+#include "shapes.h"
+
+// Choosing one light of many: probabilities add up, are kept, and leave no light out.
+
+namespace raykiln {
+namespace {
+
+using test::Rng;
+
+constexpr int samples = 1000000;
+
+Vec3f random_point(Rng& rng, float range) {
+    return {rng.between(-range, range), rng.between(-range, range),
+            rng.between(-range, range)};
+}
+
+/// Small emissive triangles here and there, some two-sided, spheres, points, spots, a sun
+/// and a sky.
+Scene lights_of_all_kinds(std::uint64_t seed) {
+    Rng rng(seed);
+    Scene scene;
+    test::add_white(scene);
+    scene.emissions.push_back({ColorSlot{{3, 2, 1}}, false});
+    scene.emissions.push_back({ColorSlot{{1, 2, 3}}, true});
+    for (int i = 0; i < 5; ++i) {
+        const Vec3f axis = test::random_direction(rng);
+        const Vec3f power = Vec3f(rng.between(0.1f, 10.0f));
+        scene.lights.emplace_back(PointLight{random_point(rng, 3), power});
+        scene.lights.emplace_back(
+            SpotLight{random_point(rng, 3), axis, power, 0.9f, 0.7f});
+    }
+    scene.lights.emplace_back(DirectionalLight{{0, -1, 0}, Vec3f(1.0f)});
+    scene.lights.emplace_back(EnvironmentLight{});
+    for (std::uint32_t emission = 0; emission < 2; ++emission) {
+        Mesh mesh = test::make_mesh(test::make_soup(20, 0.4f, rng));
+        mesh.emission = emission;
+        scene.groups[0].meshes.push_back(mesh);
+    }
+    Sphere sphere;
+    sphere.center = {1, 1, 1};
+    sphere.radius = 0.3f;
+    sphere.emission = 0;
+    scene.groups[0].spheres.push_back(sphere);
+    prepare_lights(scene);
+    return scene;
+}
+
+LightReceiver random_receiver(Rng& rng) {
+    // Within the lights, among them and outside; some without a side.
+    LightReceiver r{random_point(rng, 5), test::random_direction(rng)};
+    if (rng.below(4) == 0) {
+        r.normal = Vec3f(0.0f);
+    }
+    return r;
+}
+
+std::uint32_t count_of(const Scene& scene) {
+    return static_cast<std::uint32_t>(scene.lights.size());
+}
+
+TEST(LightChoice, ProbabilitiesAddToOneAtMost) {
+    const Scene scene = lights_of_all_kinds(131);
+    Rng rng(132);
+    for (int i = 0; i < 2000; ++i) {
+        const LightReceiver receiver = random_receiver(rng);
+        double sum = 0;
+        for (std::uint32_t light = 0; light < count_of(scene); ++light) {
+            const float pmf = pmf_of_light(scene, receiver, light);
+            ASSERT_GE(pmf, 0.0f);
+            sum += pmf;
+        }
+        // The rest is for branches whose lights turn out not to reach the receiver.
+        ASSERT_LT(sum, 1 + 1e-5);
+        ASSERT_GT(sum, 0.5 - 1e-5);
+    }
+}
+
+TEST(LightChoice, DrawsWithItsProbabilities) {
+    const Scene scene = lights_of_all_kinds(133);
+    Rng rng(134);
+    constexpr int receivers = 4;
+    for (int r = 0; r < receivers; ++r) {
+        const LightReceiver receiver = random_receiver(rng);
+        std::vector<double> observed(count_of(scene) + 1), expected;
+        for (int i = 0; i < samples; ++i) {
+            const auto choice = choose_light(scene, receiver, rng.unit());
+            if (choice.pmf <= 0.0f) {
+                observed.back() += 1;
+                continue;
+            }
+            observed[choice.light] += 1;
+            if (i < 20000) {
+                ASSERT_FLOAT_EQ(choice.pmf, pmf_of_light(scene, receiver, choice.light));
+            }
+        }
+        double sum = 0;
+        for (std::uint32_t light = 0; light < count_of(scene); ++light) {
+            const double pmf = pmf_of_light(scene, receiver, light);
+            sum += pmf;
+            expected.push_back(pmf * samples);
+        }
+        expected.push_back(std::max(0.0, 1 - sum) * samples);
+        const auto result = test::chi_squared_test(observed, expected);
+        EXPECT_GT(result.p_value, test::sidak(receivers)) << result;
+        EXPECT_EQ(result.impossible, 0);
+    }
+}
+
+TEST(LightChoice, LeavesOutNoLightThatReachesTheReceiver) {
+    const Scene scene = lights_of_all_kinds(135);
+    Rng rng(136);
+    int reached = 0;
+    for (int i = 0; i < 5000; ++i) {
+        const LightReceiver receiver = random_receiver(rng);
+        for (std::uint32_t light = 0; light < count_of(scene); ++light) {
+            const LightSample s = sample_light(scene, scene.lights[light], receiver.p,
+                                               rng.unit(), rng.unit());
+            const bool any_side = length_squared(receiver.normal) == 0.0f;
+            if (max_component(s.radiance) <= 0.0f ||
+                !(any_side || dot(s.direction, receiver.normal) > 0.0f)) {
+                continue;
+            }
+            ++reached;
+            ASSERT_GT(pmf_of_light(scene, receiver, light), 0.0f)
+                << "light " << light << " of kind " << scene.lights[light].index();
+        }
+    }
+    EXPECT_GT(reached, 50000);
+}
+
+TEST(LightChoice, OneLightIsAlwaysChosen) {
+    Scene scene;
+    scene.lights.emplace_back(PointLight{{0, 0, 2}, Vec3f(1.0f)});
+    prepare_lights(scene);
+    const LightReceiver below{{0, 0, 0}, {0, 0, 1}};
+    for (const float u : {0.0f, 0.5f, one_minus_epsilon}) {
+        EXPECT_EQ(choose_light(scene, below, u).light, 0u);
+        EXPECT_EQ(choose_light(scene, below, u).pmf, 1.0f);
+    }
+    EXPECT_EQ(pmf_of_light(scene, below, 0), 1.0f);
+}
+
+TEST(LightChoice, NearLightsAreChosenMoreOften) {
+    Scene scene;
+    scene.lights.emplace_back(PointLight{{0, 0, 1}, Vec3f(1.0f)});
+    scene.lights.emplace_back(PointLight{{0, 0, 10}, Vec3f(1.0f)});
+    prepare_lights(scene);
+    const LightReceiver receiver{{0, 0, 0}, {0, 0, 1}};
+    // By inverse square: 100 to 1.
+    EXPECT_NEAR(pmf_of_light(scene, receiver, 0), 100.0 / 101, 1e-4);
+}
+
+TEST(LightChoice, LightsOfMirroredInstancesKeepTheirSide) {
+    // A group with an emissive triangle, placed by a mirror image: the outside stays out.
+    Scene scene;
+    scene.emissions.push_back({ColorSlot{{1, 1, 1}}, false});
+    test::Triangles t;
+    t.positions = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}};
+    t.faces = {{0, 1, 2}};
+    scene.groups.resize(2);
+    scene.groups[1].meshes.push_back(test::make_mesh(t));
+    scene.groups[1].meshes[0].emission = 0;
+    Transform mirror;
+    mirror.x = {-1, 0, 0};
+    mirror.origin = {5, 0, 0};
+    scene.instances.push_back(test::make_instance(1, mirror));
+    prepare_lights(scene);
+    const auto& light = std::get<TriangleLight>(scene.lights[0]);
+    EXPECT_NEAR(light.normal.z, 1.0f, 1e-6f);
+    EXPECT_NEAR(light.area, 0.5f, 1e-6f);
+    EXPECT_EQ(scene.instance_light_offset[0][0], 0u);
+}
+
+}  // namespace
+}  // namespace raykiln
