@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -17,8 +17,23 @@ MAX_PIXELS = 1 << 28
 _DEPTH = "a path length of at least 1, or -1 for none"
 
 
-class RenderSettings(BaseModel):
-    """How to render a scene.  Fields left unset are taken from the scene, then from the defaults."""
+class _RaisesSettingsError(type(BaseModel)):  # type: ignore[misc]
+    """Makes `RenderSettings(spp=0)` a `SettingsError`; pydantic's own validation stays as it is."""
+
+    if not TYPE_CHECKING:
+
+        def __call__(cls, *args, **values):
+            try:
+                return super().__call__(*args, **values)
+            except ValidationError as error:
+                raise settings_error_of(error) from None
+
+
+class RenderSettings(BaseModel, metaclass=_RaisesSettingsError):
+    """How to render a scene.  Fields left unset are taken from the scene, then from the defaults.
+
+    A bad value raises `SettingsError`, which names it.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -78,10 +93,7 @@ class RenderSettings(BaseModel):
     @classmethod
     def create(cls, **values: Any) -> RenderSettings:
         """Settings from keyword values; a `SettingsError` names the first bad one."""
-        try:
-            return cls(**values)
-        except ValidationError as error:
-            raise settings_error_of(error) from None
+        return cls(**values)
 
     def over(self, scene_settings: dict[str, Any]) -> RenderSettings:
         """These settings, with unset fields taken from the scene's own."""

@@ -1,6 +1,6 @@
 """The scene whose bits are compared, and a process that renders it until it is killed.
 
-    python -m render.bit_scene CHECKPOINT SPP
+python -m render.bit_scene CHECKPOINT SPP
 """
 
 from __future__ import annotations

@@ -226,9 +226,7 @@ class TestBadCheckpoints:
             with pytest.raises(rk.RenderError, match="state"):
                 self.resume(scene, path)
 
-    def test_whole(
-        self, scene: rk.Scene, good: bytes, image_hash: str, tmp_path: Path
-    ) -> None:
+    def test_whole(self, scene: rk.Scene, good: bytes, image_hash: str, tmp_path: Path) -> None:
         path = tmp_path / "state"
         path.write_bytes(good)
         assert sha256(self.resume(scene, path).image) == image_hash

@@ -224,9 +224,7 @@ def slab(angle: float, eta: float) -> rk.Scene:
     scene = rk.Scene()
     scene.add_material("glass", rk.Dielectric(int_ior=eta, ext_ior=1.0))
     scene.add_material("black", rk.Diffuse(reflectance=0.0))
-    scene.shapes.append(
-        rk.Cube(material="glass", transform=placed((-0.5, 0, 0), (0.5, 400, 400)))
-    )
+    scene.shapes.append(rk.Cube(material="glass", transform=placed((-0.5, 0, 0), (0.5, 400, 400))))
     origin = (5 * math.cos(angle), 5 * math.sin(angle), 0)
     return looking(scene, origin, (0, 0, 0), up=(0, 0, 1), fov_deg=0.01)
 

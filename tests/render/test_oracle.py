@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -33,12 +32,12 @@ def mitsuba() -> ModuleType:
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The scenes with their meshes and textures."""
     copy = tmp_path_factory.mktemp("oracle") / "mitsuba"
     shutil.copytree(HERE, copy)
     write_assets(copy)
-    yield copy
+    return copy
 
 
 def theirs(mitsuba: Any, file: Path, runs: int, spp: int) -> Estimate:
@@ -73,9 +72,7 @@ EFFORTS = [
 
 @pytest.mark.parametrize("effort", EFFORTS)
 @pytest.mark.parametrize("name", SCENES)
-def test_feature(
-    mitsuba: Any, folder: Path, name: str, effort: tuple[int, int, float]
-) -> None:
+def test_feature(mitsuba: Any, folder: Path, name: str, effort: tuple[int, int, float]) -> None:
     runs, spp, sigmas = effort
     file = folder / f"{name}.xml"
     scene = rk.load_scene(file)

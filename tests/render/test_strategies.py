@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -42,7 +43,7 @@ def test_both_strategies_have_less_noise_than_one(name: str) -> None:
     scene = SCENES[name]()
     settings = {**SMALL, "spp": 16, "max_depth": 3}
     noise = {
-        strategy: float((render_runs(scene, 8, strategy=strategy, **settings).standard_error).mean())
+        strategy: render_runs(scene, 8, strategy=strategy, **settings).standard_error.mean()
         for strategy in ("mis", "light", "bsdf")
     }
     assert noise["mis"] < 1.25 * min(noise["light"], noise["bsdf"])
@@ -87,7 +88,7 @@ def test_each_depth_adds_light(name: str) -> None:
         render_runs(scene, 1, spp=8, **{**SMALL, "max_depth": depth}).runs[0]
         for depth in (1, 2, 3, 4, 6)
     ]
-    for shorter, longer in zip(images, images[1:], strict=False):
+    for shorter, longer in pairwise(images):
         assert (longer - shorter).min() >= -1e-5 * longer.max()
     assert images[-1].mean() >= images[1].mean() > images[0].mean()
 

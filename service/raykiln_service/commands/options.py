@@ -165,7 +165,7 @@ def settings_of(values: dict[str, Any], place: str = "") -> RenderSettings:
     from raykiln.settings import RenderSettings
 
     try:
-        return RenderSettings(**values)
+        return RenderSettings.model_validate(values)
     except ValidationError as error:
         raise _settings_error(error, place) from None
     except TypeError as error:
