@@ -147,6 +147,19 @@ TEST(Sobol, DimensionsAsPublished) {
     }
 }
 
+TEST(Sobol, TablesOfBytesGiveTheSamePoints) {
+    Rng rng(25);
+    for (int i = 0; i < 20000; ++i) {
+        // All bits of the index, not only the low ones.
+        const auto index = static_cast<std::uint32_t>(rng.bits() >> (32 + rng.below(32)));
+        const auto point = sobol_point_reversed(index);
+        for (int d = 0; d < 4; ++d) {
+            ASSERT_EQ(point[static_cast<std::size_t>(d)], sobol_reversed(index, d))
+                << index;
+        }
+    }
+}
+
 TEST(OwenScrambling, EachBitDependsOnHigherBitsAlone) {
     // With reversed bits: output bit k is input bit k, flipped by a function of the seed
     // and the bits below. Then the map is a bijection and moves intervals onto intervals.
