@@ -33,7 +33,8 @@ def save(
     buffer = io.BytesIO()
     body = len(MAGIC) + hashlib.sha256().digest_size
     buffer.write(bytes(body))
-    np.savez(buffer, header=np.array(header), **renderer.planes())
+    planes: dict[str, Any] = renderer.planes()
+    np.savez(buffer, header=np.array(header), **planes)
     content = buffer.getbuffer()
     content[:body] = MAGIC + hashlib.sha256(content[body:]).digest()
     try:

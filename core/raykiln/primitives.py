@@ -78,7 +78,8 @@ def sphere(columns: int = 128, rows: int = 64) -> Triangles:
 def _solid(vertices: NDArray[np.float32], faces: NDArray[np.uint32]) -> NDArray[np.uint32]:
     """The faces that have an area (those at the poles have none)."""
     a, b, c = (vertices[faces[:, i]] for i in range(3))
-    return faces[np.linalg.norm(np.cross(b - a, c - a), axis=1) > 1e-9]
+    solid: NDArray[np.uint32] = faces[np.linalg.norm(np.cross(b - a, c - a), axis=1) > 1e-9]
+    return solid
 
 
 def transformed(mesh: Triangles, matrix: NDArray[np.float64] | None) -> Triangles:

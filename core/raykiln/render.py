@@ -272,7 +272,8 @@ class _Job:
         count = np.maximum(planes["counts"], 1).astype(np.float32)
         mean = _luminance(self._image())
         spread = np.maximum(planes["luminance_squared"] / count - mean * mean, 0)
-        return (spread / np.maximum(count - 1, 1)).astype(np.float32)
+        variance: Pixels = (spread / np.maximum(count - 1, 1)).astype(np.float32)
+        return variance
 
     def _aovs(self) -> dict[str, Pixels]:
         planes = self.renderer.planes()

@@ -17,10 +17,12 @@ MAX_PIXELS = 1 << 28
 _DEPTH = "a path length of at least 1, or -1 for none"
 
 
-class _RaisesSettingsError(type(BaseModel)):  # type: ignore[misc]
-    """Makes `RenderSettings(spp=0)` a `SettingsError`; pydantic's own validation stays as it is."""
+if TYPE_CHECKING:
+    _Base = BaseModel
+else:
 
-    if not TYPE_CHECKING:
+    class _RaisesSettingsError(type(BaseModel)):
+        """Makes `RenderSettings(spp=0)` a `SettingsError`; validation by pydantic stays its own."""
 
         def __call__(cls, *args, **values):
             try:
@@ -28,8 +30,11 @@ class _RaisesSettingsError(type(BaseModel)):  # type: ignore[misc]
             except ValidationError as error:
                 raise settings_error_of(error) from None
 
+    class _Base(BaseModel, metaclass=_RaisesSettingsError):
+        pass
 
-class RenderSettings(BaseModel, metaclass=_RaisesSettingsError):
+
+class RenderSettings(_Base):
     """How to render a scene.  Fields left unset are taken from the scene, then from the defaults.
 
     A bad value raises `SettingsError`, which names it.

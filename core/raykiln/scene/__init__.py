@@ -8,7 +8,7 @@ coordinate (0, 0) is the upper left corner of the image, as in glTF.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from pydantic import AfterValidator, Field, PlainSerializer, ValidationError
@@ -119,6 +119,8 @@ __all__ = [
     "fov_y_rad",
     "look_at_matrix",
 ]
+
+Made = TypeVar("Made", bound=Node)
 
 if TYPE_CHECKING:
     SceneSettings = dict[str, Any]
@@ -294,14 +296,14 @@ class Scene(Node):
             number += 1
         return self.add_material(f"material_{number}", material)
 
-    def _add(self, kind: type[Any], group: str | None, /, **values: Any) -> Any:
+    def _add(self, kind: type[Made], group: str | None, /, **values: Any) -> Made:
         shape = _node(kind, **values)
         target: list[Any] = self.shapes if group is None else self.groups.setdefault(group, [])
         target.append(shape)
         return shape
 
 
-def _node(kind: type[Any], **values: Any) -> Any:
+def _node(kind: type[Made], **values: Any) -> Made:
     try:
         return kind(**values)
     except ValidationError as error:
