@@ -231,7 +231,7 @@ def build() -> dict[str, bytes]:
     scene = {
         "version": 1,
         "name": "A wooded valley",
-        "description": "Over a million triangles by instancing: 5,000 spruces, birches, oaks, "
+        "description": "Over a million triangles by instancing: 4,800 spruces, birches, oaks, "
         "bushes and tufts of five prototypes in a valley, under a low sun and a hazy sky.",
         "settings": {"width": 720, "height": 405, "spp": 64, "max_depth": 5},
         "cameras": [
