@@ -126,7 +126,8 @@ class TestScenes:
         mesh = scene.add_mesh(np.array(points, np.float64), np.array([[0, 1, 2]], np.int64))
         assert mesh.vertices is not None
         assert mesh.faces is not None
-        assert (mesh.vertices.dtype, mesh.faces.dtype) == (np.float32, np.uint32)
+        assert mesh.vertices.dtype == np.dtype(np.float32)
+        assert mesh.faces.dtype == np.dtype(np.uint32)
 
     def test_json_round_trip_renders_the_same_bits(self, tmp_path: Path) -> None:
         scene = bit_scene()
@@ -229,7 +230,7 @@ class TestProgress:
     def test_it_rises_to_one(self) -> None:
         seen: list[rk.Progress] = []
         settings = rk.RenderSettings(width=64, height=64, spp=64)
-        result = rk.render(bit_scene(), settings, seen.append)  # type: ignore[arg-type]
+        result = rk.render(bit_scene(), settings, seen.append)
         assert result.complete
         fractions = [p.fraction for p in seen]
         assert fractions == sorted(fractions)

@@ -72,7 +72,13 @@ def in_a_furnace(material: Any) -> rk.Scene:
 
 @pytest.mark.parametrize("name", LOSSLESS)
 def test_lossless_ball_vanishes_in_a_furnace(name: str) -> None:
-    settings = {"width": 16, "height": 16, "spp": 64, "max_depth": -1, "rr_depth": 8}
+    settings: dict[str, Any] = {
+        "width": 16,
+        "height": 16,
+        "spp": 64,
+        "max_depth": -1,
+        "rr_depth": 8,
+    }
     assert_radiance(render_runs(in_a_furnace(LOSSLESS[name]), 8, **settings), 1.0)
 
 
@@ -99,7 +105,13 @@ def lossy() -> dict[str, Any]:
 
 @pytest.mark.parametrize("name", lossy())
 def test_no_material_makes_energy(name: str) -> None:
-    settings = {"width": 16, "height": 16, "spp": 32, "max_depth": -1, "rr_depth": 8}
+    settings: dict[str, Any] = {
+        "width": 16,
+        "height": 16,
+        "spp": 32,
+        "max_depth": -1,
+        "rr_depth": 8,
+    }
     found = render_runs(in_a_furnace(lossy()[name]), 6, **settings).blocks(4)
     above = found.mean - 5 * found.standard_error
     assert above.max() <= 1.001
@@ -201,7 +213,7 @@ def test_environment_with_one_bright_texel(texel: tuple[int, int]) -> None:
     c, s = math.cos(angle), math.sin(angle)
     turn = np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
     rows = tuple(tuple(float(x) for x in row) for row in turn)
-    light = rk.EnvironmentLight(pixels=pixels, transform=rows)  # type: ignore[arg-type]
+    light = rk.EnvironmentLight(pixels=pixels, transform=rows)
     expected = sky_irradiance(pixels, turn[:3, :3]) / math.pi
     found = render_runs(seen_spot(light), 8, **{**SPOT, "spp": 256})
     if not expected.any():
@@ -259,7 +271,13 @@ def test_slab_shifts_by_snell(degrees: float, eta: float) -> None:
     for shift, expected in ((0.0, (1 - r) ** 2), (0.03, 0.0), (-0.03, 0.0)):
         scene = slab(angle, eta)
         wall_behind(scene, y + shift, 0.01)
-        settings = {"width": 4, "height": 4, "spp": 256, "max_depth": 3, "rr_depth": -1}
+        settings: dict[str, Any] = {
+            "width": 4,
+            "height": 4,
+            "spp": 256,
+            "max_depth": 3,
+            "rr_depth": -1,
+        }
         assert_radiance(render_runs(scene, 6, **settings), expected)
 
 

@@ -26,7 +26,7 @@ LEAST_SHARE = 0.9975
 @pytest.fixture(scope="module")
 def mitsuba() -> ModuleType:
     """Mitsuba 3 in the variant that runs everywhere."""
-    module = pytest.importorskip("mitsuba")
+    module: ModuleType = pytest.importorskip("mitsuba")
     module.set_variant("scalar_rgb")
     return module
 
