@@ -195,6 +195,21 @@ TEST(MeshSurface, NormalMapTiltsAlongUAndAgainstV) {
     EXPECT_NEAR(trace_one(scene, accel, from_above).surface.shading.n.z, 1.0f, 1e-6f);
 }
 
+TEST(MeshSurface, NormalMapsFollowMirroredCoordinates) {
+    // With u running to the left the image is seen mirrored: its right is -x, its top
+    // still y.
+    test::Triangles t = square();
+    for (Vec2f& uv : t.uvs) {
+        uv.x = 1 - uv.x;
+    }
+    Scene scene = square_scene(t);
+    const Accel accel(scene);
+    scene.materials[0].normal_map = add_constant_map(scene, {0.8f, 0.5f, 0.9f});
+    EXPECT_NEAR(trace_one(scene, accel, from_above).surface.shading.n.x, -0.6f, 1e-6f);
+    scene.materials[0].normal_map = add_constant_map(scene, {0.5f, 0.8f, 0.9f});
+    EXPECT_NEAR(trace_one(scene, accel, from_above).surface.shading.n.y, 0.6f, 1e-6f);
+}
+
 TEST(MeshSurface, PlacedMeshesTurnTheirFrames) {
     Scene scene;
     scene.groups.resize(2);
