@@ -43,7 +43,7 @@ def test_error_falls(name: str, sampler: str) -> None:
     ("counts", "reference_spp", "size"),
     [
         pytest.param((16, 64, 256), 2048, 24, id="quick"),
-        pytest.param((64, 256, 1024), 16384, 32, id="long", marks=pytest.mark.slow),
+        pytest.param((64, 256, 1024), 8192, 24, id="long", marks=pytest.mark.slow),
     ],
 )
 @pytest.mark.parametrize("name", sorted(rk.bundled_scenes()))

@@ -23,7 +23,7 @@ def assert_equal_means(a: Estimate, b: Estimate, *, relative: float = 0.005) -> 
 
 EFFORTS = [
     pytest.param(32, id="quick"),
-    pytest.param(512, id="close", marks=pytest.mark.slow),
+    pytest.param(256, id="close", marks=pytest.mark.slow),
 ]
 
 
