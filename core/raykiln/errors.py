@@ -82,16 +82,25 @@ def pointer_of(location: tuple[int | str, ...], data: object = None) -> str:
     """
     parts: list[int | str] = []
     for i, part in enumerate(location):
-        if isinstance(data, dict) and part in data:
-            data = data[part]
-        elif isinstance(data, list | tuple) and isinstance(part, int) and part < len(data):
-            data = data[part]
-        elif data is not None and not (
-            isinstance(data, dict) and i == len(location) - 1 and data.get("type") != part
-        ):
-            continue
-        parts.append(part)
+        inside = _member(data, part)
+        is_last = i == len(location) - 1
+        missing = isinstance(data, dict) and is_last and data.get("type") != part
+        if inside is not _ABSENT or data is None or missing:
+            parts.append(part)
+        if inside is not _ABSENT:
+            data = inside
     return "".join("/" + str(p).replace("~", "~0").replace("/", "~1") for p in parts)
+
+
+_ABSENT = object()
+
+
+def _member(data: object, key: int | str) -> object:
+    if isinstance(data, dict):
+        return data.get(key, _ABSENT)
+    if isinstance(data, list | tuple) and isinstance(key, int) and key < len(data):
+        return data[key]
+    return _ABSENT
 
 
 def scene_error_of(

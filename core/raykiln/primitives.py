@@ -32,7 +32,7 @@ def cube() -> Triangles:
     vertices, faces = [], []
     for i, (axis, sign) in enumerate((axis, sign) for axis in axes for sign in (1.0, -1.0)):
         # Turning both the second axis and the normal keeps the orientation.
-        points = (side.vertices + [0, 0, 1]) * [1, sign, sign]
+        points = (side.vertices + np.array([0, 0, 1])) * [1, sign, sign]
         vertices.append(points @ axis)
         faces.append(side.faces + 4 * i)
     assert side.uvs is not None

@@ -10,7 +10,6 @@ import pytest
 from format_support import LoadText
 from hypothesis import given
 from hypothesis import strategies as st
-from raykiln.studio import complete, scene_points, studio_light, studio_pixels
 from raykiln.scene import (
     ConstantLight,
     EnvironmentLight,
@@ -19,6 +18,7 @@ from raykiln.scene import (
     Scene,
     fov_y_rad,
 )
+from raykiln.studio import complete, scene_points, studio_light, studio_pixels
 
 ASPECTS = ((512, 512), (1920, 1080), (1080, 1920), (100, 10))
 

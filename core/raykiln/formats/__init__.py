@@ -12,8 +12,8 @@ import numpy as np
 
 from raykiln.errors import SceneError
 from raykiln.formats.files import Files, Reader, scene_errors
-from raykiln.studio import complete
 from raykiln.scene import Scene
+from raykiln.studio import complete
 
 # Extension -> module of this package with `read(path, files) -> Scene`.
 READERS = {

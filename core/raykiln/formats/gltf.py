@@ -19,7 +19,6 @@ from raykiln.formats.gltf_textures import Textures
 from raykiln.formats.json_text import Item
 from raykiln.formats.meshes import Array
 from raykiln.formats.names import unique_name
-from raykiln.studio import rows
 from raykiln.scene import (
     DirectionalLight,
     Instance,
@@ -30,6 +29,7 @@ from raykiln.scene import (
     SpotLight,
     TextureRef,
 )
+from raykiln.studio import rows
 
 SUPPORTED = {
     "KHR_lights_punctual", "KHR_materials_emissive_strength", "KHR_materials_ior",

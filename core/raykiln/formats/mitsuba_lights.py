@@ -8,7 +8,6 @@ import numpy as np
 
 from raykiln.formats.mitsuba_objects import MitsubaObject
 from raykiln.formats.mitsuba_textures import Context
-from raykiln.studio import rows
 from raykiln.scene import (
     ConstantLight,
     DirectionalLight,
@@ -16,6 +15,7 @@ from raykiln.scene import (
     PointLight,
     SpotLight,
 )
+from raykiln.studio import rows
 
 
 def add_light(context: Context, owner: MitsubaObject) -> None:

@@ -12,8 +12,8 @@ from raykiln.errors import SceneError
 from raykiln.formats.mitsuba_objects import MitsubaObject
 from raykiln.formats.mitsuba_textures import Context
 from raykiln.formats.names import unique_name
-from raykiln.studio import rows
 from raykiln.scene import PerspectiveCamera
+from raykiln.studio import rows
 
 # Mitsuba's cameras look along +z with +x to the left.
 _MITSUBA_FROM_OURS = np.diag([-1.0, 1.0, -1.0, 1.0])

@@ -19,7 +19,6 @@ from raykiln.formats.mitsuba_patches import PATCHES
 from raykiln.formats.mitsuba_textures import Context
 from raykiln.formats.mitsuba_transforms import Matrix
 from raykiln.formats.names import unique_name
-from raykiln.studio import rows
 from raykiln.scene import (
     Cube,
     Disk,
@@ -31,6 +30,7 @@ from raykiln.scene import (
     Sphere,
     TextureRef,
 )
+from raykiln.studio import rows
 
 _PRIMITIVES: dict[str, type[Rectangle] | type[Cube] | type[Disk]] = {
     "rectangle": Rectangle,
