@@ -12,6 +12,19 @@ from typing import Any
 
 import raykiln as rk
 
+HEADER = f"{'scene':24} " + " ".join(
+    f"{title:>{width}}"
+    for title, width in [
+        ("triangles", 10),
+        ("BVH s", 8),
+        ("render s", 8),
+        ("spread", 6),
+        ("Ms/s", 8),
+        ("Mrays/s", 8),
+        ("MiB", 8),
+    ]
+)
+
 
 def measure(name: str, settings: rk.RenderSettings, runs: int) -> dict[str, Any]:
     """Render one scene `runs` times; medians of times and rates."""
@@ -52,9 +65,7 @@ def main() -> None:
     parser.add_argument("--json", type=Path, help="also write the numbers here")
     given = parser.parse_args()
     settings = rk.RenderSettings(width=given.size, height=given.size, spp=given.spp)
-    columns = ("triangles", 10), ("BVH s", 8), ("render s", 8), ("spread", 6), ("Ms/s", 8)
-    columns += ("Mrays/s", 8), ("MiB", 8)
-    print(f"{'scene':24} " + " ".join(f"{title:>{width}}" for title, width in columns))
+    print(HEADER)
     rows = []
     # A process for each scene: peak memory never falls within one.
     with ProcessPoolExecutor(1, get_context("spawn"), max_tasks_per_child=1) as processes:
