@@ -5,11 +5,12 @@
 
 namespace raykiln {
 
-/// A scene, image or setting that cannot be used; `bindings/errors.cpp` maps it to Python.
-/// `pointer` says where (a JSON pointer into the scene description, or empty).
+/// A scene, image or setting that cannot be used; `bindings/errors.cpp` maps it to
+/// Python. `pointer` says where (a JSON pointer into the scene description, or empty).
 struct SceneError : std::runtime_error {
     SceneError(const std::string& message, std::string where = {}) :
-        std::runtime_error(message), pointer(std::move(where)) {}
+        std::runtime_error(message),
+        pointer(std::move(where)) {}
     std::string pointer;
 };
 

@@ -287,8 +287,8 @@ def test_higher_priority_goes_first_then_age(store: Store) -> None:
     for job in found:
         assert store.queue_positions([job])[job.id] == store.queue_positions(found)[job.id]
     order = []
-    while (job := store.claim("me", 30.0)) is not None:
-        order.append(job.id)
+    while (claimed := store.claim("me", 30.0)) is not None:
+        order.append(claimed.id)
     assert order == ["b", "c", "a", "d"]
     assert store.queue_positions([store.job("a")]) == {}
 
