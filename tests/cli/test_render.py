@@ -114,8 +114,8 @@ def test_warnings_of_the_scene_are_said(raykiln: Run, tmp_path: Path) -> None:
         ('{"shapes": [{"type": "sphere", "material": "gold"}]}', "gold"),
         ('{"shapes": []}', "empty.json"),
         ("\x00\xff", "empty.json"),
-        ('{"settings": {"spp": 0}, "shapes": [{"type": "sphere"}]}', "/settings: spp: "),
-        ('{"settings": {"samples": 9}, "shapes": [{"type": "sphere"}]}', "/settings: samples: "),
+        ('{"settings": {"spp": 0}, "shapes": [{"type": "sphere"}]}', "/settings/spp: "),
+        ('{"settings": {"samples": 9}, "shapes": [{"type": "sphere"}]}', "/settings/samples: "),
     ],
 )
 def test_a_bad_scene_is_one_line_with_its_place(
