@@ -112,8 +112,8 @@ def render(
     settings
         Fields left unset are taken from the scene, then from the defaults.
     on_progress
-        Called more than ten times a second from this thread; return False to stop: what was
-        rendered by then is returned, with `complete` False.
+        Called at the end of each pass, and more than ten times a second within it, from this
+        thread; return False to stop: what was rendered by then is returned, with `complete` False.
     checkpoint
         A file to keep the state in: written at the end of a pass when `checkpoint_interval_s`
         seconds went by since the last time, and when the render stops early.
@@ -204,6 +204,10 @@ class _Job:
                     return True
                 if time.perf_counter() - self.saved >= self.checkpoint_interval_s:
                     self._save()
+                # Every pass is reported, however short: there a caller can stop for certain.
+                done = self.renderer.samples_done
+                if done < self.settings.spp and not self._poll(self.pixels * done):
+                    break
         except BaseException:
             self._save()
             raise
