@@ -63,12 +63,7 @@ def load(text: str, base_dir: Path | None = None) -> Scene:
     if base_dir is not None and not base_dir.is_dir():
         raise CommandError(f"--base-dir: no such folder (found {base_dir})")
     path = resolve_scene(text)
-    scene = raykiln.load_scene(path, base_dir=base_dir)
-    try:
-        raykiln.RenderSettings.create(**scene.settings)
-    except (raykiln.SettingsError, TypeError) as error:
-        raise raykiln.SceneError(str(error), file=path, pointer="/settings") from None
-    return scene
+    return raykiln.load_scene(path, base_dir=base_dir)
 
 
 @contextmanager
