@@ -7,10 +7,6 @@ namespace raykiln {
 
 namespace {
 
-float max_abs(const Vec3f& v) {
-    return max(std::fabs(v.x), max(std::fabs(v.y), std::fabs(v.z)));
-}
-
 /// Geometry at a hit, before shading: first in the group's space, then in the world's.
 struct Geometry {
     Vec3f p, normal, shading_normal;

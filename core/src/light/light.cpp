@@ -11,10 +11,6 @@ namespace {
 
 const LightSample no_sample{{0, 0, 1}, {}, false, {}, 0.0f, false};
 
-float max_abs(const Vec3f& v) {
-    return max(std::fabs(v.x), max(std::fabs(v.y), std::fabs(v.z)));
-}
-
 LightSample towards_point(const Vec3f& p, const Vec3f& position, const Vec3f& intensity) {
     const Vec3f d = position - p;
     const float distance2 = length_squared(d);

@@ -72,6 +72,11 @@ template <class F>
 inline F max_component(const Vec3<F>& v) {
     return max(v.x, max(v.y, v.z));
 }
+/// The greatest magnitude of a component.
+template <class F>
+inline F max_abs(const Vec3<F>& v) {
+    return max(abs(v.x), max(abs(v.y), abs(v.z)));
+}
 template <class F>
 inline F mean(const Vec3<F>& v) {
     return (v.x + v.y + v.z) * F(1.0f / 3.0f);
