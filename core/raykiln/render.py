@@ -335,8 +335,11 @@ def _luminance(image: Pixels) -> Pixels:
 
 def _denoise(result: RenderResult, keep: tuple[str, ...]) -> None:
     start = time.perf_counter()
-    result.image = denoising.denoise(result.image, result.aovs["albedo"], result.aovs["normal"])
+    noisy = result.image
+    result.image = denoising.denoise(noisy, result.aovs["albedo"], result.aovs["normal"])
     result.aovs = {name: layer for name, layer in result.aovs.items() if name in keep}
+    # So that one can compare, and blend the two.
+    result.aovs["noisy"] = noisy
     result.stats.denoise_s = time.perf_counter() - start
 
 

@@ -61,7 +61,8 @@ class RenderResult:
     aovs
         Layers by name: albedo and normal (height, width, 3), depth and variance (height, width).
         Normals are in world space; depth is along the view axis in metres, 0 where nothing was
-        met; variance is that of the pixel's luminance estimate.
+        met; variance is that of the pixel's luminance estimate. A denoised result also has the
+        image before denoising, `noisy`.
     settings
         What was rendered: the caller's settings, then the scene's, then the defaults.
     complete

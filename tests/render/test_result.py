@@ -102,3 +102,14 @@ class TestResult:
     def test_a_missing_folder(self, result: rk.RenderResult, tmp_path: Path) -> None:
         with pytest.raises(rk.ImageError, match="nowhere"):
             result.save(tmp_path / "nowhere" / "out.png")
+
+
+def test_a_denoised_result_keeps_the_noisy_image(tmp_path: Path) -> None:
+    pytest.importorskip("pyoidn", reason="the denoiser is not installed")
+    plain = rk.RenderSettings(width=32, height=24, spp=2)
+    noisy = rk.render(bit_scene(), plain).image
+    result = rk.render(bit_scene(), plain.model_copy(update={"denoise": True}))
+    assert np.array_equal(result.aovs["noisy"], noisy)
+    assert not np.array_equal(result.image, noisy)
+    layers = read_exr_layers(result.save(tmp_path / "denoised.exr"))
+    assert set(layers) == {"beauty", "noisy"}
