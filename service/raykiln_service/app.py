@@ -61,6 +61,7 @@ def create_app(service: Service) -> FastAPI:
     app.state.context = service.context
     for part in (jobs, events, outputs, assets, about):
         app.include_router(part.router)
+    app.include_router(events.feed_router)
     _add_error_handlers(app)
     app.add_middleware(Guard, settings=service.settings)
     app.openapi = lambda: _openapi(app)  # type: ignore[method-assign]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 from collections.abc import AsyncIterator, Mapping
 from typing import Annotated, Any
@@ -17,6 +18,8 @@ from raykiln_service.schemas import timestamp
 
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"], responses=ERRORS)
 _QUIET_S = 15.0
+# News that come within it go out together.
+_FEED_PAUSE_S = 0.1
 
 
 @router.get(
@@ -45,6 +48,36 @@ async def job_events(
     return StreamingResponse(
         _stream(context, job_id, last), media_type="text/event-stream", headers=headers
     )
+
+
+feed_router = APIRouter(prefix="/v1/events", tags=["jobs"], responses=ERRORS)
+
+
+@feed_router.get(
+    "",
+    response_class=StreamingResponse,
+    responses={200: {"content": {"text/event-stream": {}}, "description": "Server-sent events"}},
+)
+async def all_events(context: InContext) -> Response:
+    """News of all jobs in one stream: `state`, `progress`, `preview` and `deleted` events.
+
+    Each names its `job`.  It is news of the moment: after a reconnect, or a `reload` event, read
+    the list of jobs.  A slow reader gets the latest of each job.
+    """
+    headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
+    return StreamingResponse(_feed(context), media_type="text/event-stream", headers=headers)
+
+
+async def _feed(context: Context) -> AsyncIterator[str]:
+    with context.hub.subscribe_to_all() as feed:
+        yield "retry: 1000\n\n"
+        while not feed.closed:
+            news = await feed.take(_QUIET_S)
+            if not news:
+                yield ": quiet\n\n"
+                continue
+            yield "".join(_event(kind, {"job": job, **data}) for job, kind, data in news)
+            await asyncio.sleep(_FEED_PAUSE_S)
 
 
 async def _stream(context: Context, job_id: str, last: int) -> AsyncIterator[str]:
