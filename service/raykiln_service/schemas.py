@@ -160,6 +160,11 @@ class SceneView(BaseModel):
     name: str
     title: str | None
     description: str | None
+    settings: dict[str, Any]
+    """The scene's own; they apply where a job gives none."""
+    cameras: list[str]
+    thumbnail: str | None
+    """A small picture of it."""
 
 
 class VersionView(BaseModel):

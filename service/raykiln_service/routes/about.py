@@ -9,7 +9,6 @@ from typing import Any
 import raykiln as rk
 from fastapi import APIRouter, Response
 from fastapi.responses import FileResponse, JSONResponse
-from raykiln.bundled import heading_of
 from raykiln.settings import RenderSettings
 
 from raykiln_service.errors import NotFoundError
@@ -19,14 +18,21 @@ from raykiln_service.schemas import SceneView, VersionView
 router = APIRouter()
 _WEB = Path(__file__).parent.parent / "web"
 _PAGE_HEADERS = {
-    "Content-Security-Policy": "default-src 'self'; img-src 'self' blob: data:; "
-    "object-src 'none'; base-uri 'none'; frame-ancestors 'none'",
+    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
+    "img-src 'self' blob:; connect-src 'self'; worker-src 'self'; form-action 'none'; "
+    "base-uri 'none'; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-cache",
 }
+_MEDIA_TYPES = {
+    ".js": "text/javascript; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".svg": "image/svg+xml",
+    ".webp": "image/webp",
+}
 _WEB_FILES = {
-    "app.js": "text/javascript; charset=utf-8",
-    "docs.js": "text/javascript; charset=utf-8",
-    "style.css": "text/css; charset=utf-8",
+    path.name: _MEDIA_TYPES[path.suffix] for path in _WEB.iterdir() if path.suffix in _MEDIA_TYPES
 }
 
 
@@ -95,5 +101,13 @@ def web_file(name: str) -> FileResponse:
 
 @cache
 def _scene_view(name: str, path: Path) -> SceneView:
-    title, description = heading_of(path)
-    return SceneView(name=name, title=title, description=description)
+    scene = rk.load_scene(path)
+    picture = f"scene-{name}.webp"
+    return SceneView(
+        name=name,
+        title=scene.name,
+        description=scene.description,
+        settings=scene.settings,
+        cameras=[camera.name for camera in scene.cameras],
+        thumbnail=f"/web/{picture}" if picture in _WEB_FILES else None,
+    )
