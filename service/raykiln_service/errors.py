@@ -17,6 +17,8 @@ class ServiceError(Exception):
         Where in the request or the scene, what stands there, what could stand there instead.
     file
         The file of an asset in which it was found.
+    limit
+        Name of the limit that is reached.
     headers
         Further headers of the reply.
     """
@@ -33,6 +35,7 @@ class ServiceError(Exception):
         found: str | None = None,
         accepted: str | None = None,
         file: str | None = None,
+        limit: str | None = None,
         headers: Mapping[str, str] | None = None,
     ) -> None:
         self.detail = detail or self.title
@@ -40,6 +43,7 @@ class ServiceError(Exception):
         self.found = found
         self.accepted = accepted
         self.file = file
+        self.limit = limit
         self.headers = dict(headers or {})
         super().__init__(self.detail)
 
@@ -51,7 +55,7 @@ class ServiceError(Exception):
             "status": self.status,
             "detail": self.detail,
         }
-        for name in ("file", "pointer", "found", "accepted"):
+        for name in ("limit", "file", "pointer", "found", "accepted"):
             if (value := getattr(self, name)) is not None:
                 document[name] = value
         return document
@@ -76,13 +80,32 @@ class UnauthorizedError(ServiceError):
     title = "A valid bearer token is required"
 
     def __init__(self, detail: str = "") -> None:
-        super().__init__(detail, headers={"WWW-Authenticate": 'Bearer realm="raykiln"'})
+        challenge = 'Bearer realm="raykiln"'
+        if detail:
+            challenge += ', error="invalid_token"'
+        super().__init__(detail, headers={"WWW-Authenticate": challenge})
 
 
 class ForbiddenError(ServiceError):
     status = 403
     slug = "forbidden"
     title = "This request is not allowed"
+
+
+class ScopeError(ForbiddenError):
+    slug = "insufficient-scope"
+    title = "The token does not allow this"
+
+    def __init__(self, scope: str) -> None:
+        super().__init__(
+            f"this call needs a token with the scope {scope!r}",
+            accepted=scope,
+            headers={
+                "WWW-Authenticate": (
+                    f'Bearer realm="raykiln", error="insufficient_scope", scope="{scope}"'
+                )
+            },
+        )
 
 
 class NotFoundError(ServiceError):
@@ -109,10 +132,38 @@ class ConflictError(ServiceError):
     title = "The job's state does not allow this"
 
 
+class IdempotencyInFlightError(ConflictError):
+    slug = "idempotency-in-flight"
+    title = "The same request is being worked on"
+
+
+class UploadConflictError(ConflictError):
+    slug = "upload-conflict"
+    title = "The upload does not go on at this place"
+
+
+class GoneError(ServiceError):
+    status = 410
+    slug = "gone"
+    title = "This has been removed"
+
+
+class ProtocolVersionError(ServiceError):
+    status = 412
+    slug = "upload-protocol"
+    title = "The version of the upload protocol is not spoken here"
+
+
 class TooLargeError(ServiceError):
     status = 413
     slug = "too-large"
     title = "The request is larger than the service accepts"
+
+
+class MediaTypeError(ServiceError):
+    status = 415
+    slug = "unsupported-media-type"
+    title = "This kind of content is not accepted here"
 
 
 class InvalidRequestError(ServiceError):
@@ -147,6 +198,19 @@ class QueueFullError(ServiceError):
     title = "The queue is full"
 
 
+class QuotaError(ServiceError):
+    status = 429
+    slug = "quota-exceeded"
+    title = "A limit of this token is reached"
+
+
+class ChecksumError(ServiceError):
+    # tus 1.0 has this status for bytes that do not match their checksum.
+    status = 460
+    slug = "checksum-mismatch"
+    title = "The bytes do not match their checksum"
+
+
 class UnavailableError(ServiceError):
     status = 503
     slug = "unavailable"
@@ -177,7 +241,9 @@ _BY_STATUS: dict[int, type[ServiceError]] = {
         MethodNotAllowedError,
         RequestTimeoutError,
         ConflictError,
+        GoneError,
         TooLargeError,
+        MediaTypeError,
         InvalidRequestError,
         UnavailableError,
     )

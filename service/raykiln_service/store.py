@@ -13,23 +13,26 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.dialects import postgresql, sqlite
 
+from raykiln_service.access import LOCAL, Caller, Origin
 from raykiln_service.errors import (
     ConflictError,
-    IdempotencyMismatchError,
+    GoneError,
     NotFoundError,
     QueueFullError,
 )
+from raykiln_service.idempotency import IDEMPOTENCY_MS, job_of_key, keep_key, prune_keys
 from raykiln_service.jobs import Job, JobEvent, JobSpec, JobState
 from raykiln_service.leases import LeaseStore
+from raykiln_service.quotas import admit_job
 from raykiln_service.rows import Asset, StateEvent, asset_of, dump, event_of, job_of
 from raykiln_service.store_base import now_ms
-from raykiln_service.tables import IS_QUEUED, assets, events, idempotency, job_labels, jobs
+from raykiln_service.store_queue import QueueStore
+from raykiln_service.tables import IS_QUEUED, assets, events, job_labels, jobs
 
 __all__ = ["IDEMPOTENCY_MS", "Store", "now_ms"]
-IDEMPOTENCY_MS = 24 * 3600 * 1000
 
 
-class Store(LeaseStore):
+class Store(LeaseStore, QueueStore):
     """Jobs, assets and events in a database.  All methods may be called from any thread."""
 
     # Assets
@@ -64,6 +67,8 @@ class Store(LeaseStore):
         max_queued: int = 1 << 30,
         key: str | None = None,
         digest: str = "",
+        caller: Caller = LOCAL,
+        pixel_samples: int = 0,
     ) -> tuple[Job, bool]:
         """Put a job into the queue.
 
@@ -74,12 +79,15 @@ class Store(LeaseStore):
         key, digest
             Idempotency key and hash of the request: the same key and digest return the job made
             then and False; another digest is an `IdempotencyMismatchError`.
+        caller, pixel_samples
+            Whose job it is, and what it counts for: `QuotaError` past the caller's limits.
         """
+        origin = Origin(caller, key, digest, pixel_samples)
         try:
-            return self._create_job(job_id, spec, max_attempts, max_queued, key, digest)
+            return self._create_job(job_id, spec, max_attempts, max_queued, origin)
         except sa.exc.IntegrityError:
             # Another process took the key between the look and the insert.
-            known = None if key is None else self.replayed(key, digest)
+            known = None if key is None else self.replayed(key, digest, caller)
             if known is None:
                 raise
             return known, False
@@ -90,20 +98,22 @@ class Store(LeaseStore):
         spec: JobSpec,
         max_attempts: int,
         max_queued: int,
-        key: str | None,
-        digest: str,
+        origin: Origin,
     ) -> tuple[Job, bool]:
         now = self.clock()
         with self._change() as change:
-            if key is not None and (known := self._replayed(change.connection, key, digest)):
+            if known := self._replayed(change.connection, origin):
                 return known, False
             if self._count_queued(change.connection) >= max_queued:
                 raise QueueFullError(
                     f"{max_queued} jobs are waiting already", headers={"Retry-After": "30"}
                 )
+            admit_job(change.connection, origin.caller, origin.pixel_samples, now)
             change.connection.execute(
                 jobs.insert().values(
                     id=job_id,
+                    owner=origin.caller.owner,
+                    pixel_samples=origin.pixel_samples,
                     state=JobState.QUEUED,
                     priority=spec.priority,
                     scene=dump(dict(spec.scene)),
@@ -123,45 +133,55 @@ class Store(LeaseStore):
                     cancel_requested=0,
                 )
             )
-            self._add_details(change.connection, job_id, spec, key, digest)
+            self._add_details(change.connection, job_id, spec, origin)
             self._note(change, job_id, JobState.QUEUED, 0, None)
         return self.job(job_id), True
 
     def _add_details(
-        self, connection: sa.Connection, job_id: str, spec: JobSpec, key: str | None, digest: str
+        self, connection: sa.Connection, job_id: str, spec: JobSpec, origin: Origin
     ) -> None:
         if spec.labels:
             rows = [{"job_id": job_id, "key": k, "value": v} for k, v in spec.labels.items()]
             connection.execute(job_labels.insert(), rows)
-        if key is not None:
-            connection.execute(
-                idempotency.insert().values(
-                    key=key, digest=digest, job_id=job_id, created_ms=self.clock()
-                )
-            )
+        if origin.key is not None:
+            now = self.clock()
+            prune_keys(connection, now)
+            owner = origin.caller.owner
+            keep_key(connection, owner, origin.key, origin.digest, job_id, now)
 
-    def replayed(self, key: str, digest: str) -> Job | None:
-        """The job made by an earlier request with this idempotency key, if there is one."""
+    def replayed(self, key: str, digest: str, caller: Caller = LOCAL) -> Job | None:
+        """The job made by an earlier request with this idempotency key, if there is one.
+
+        Raises
+        ------
+        IdempotencyMismatchError
+            That request was another one.
+        GoneError
+            The job has been deleted since.
+        """
         with self.database.read() as connection:
-            return self._replayed(connection, key, digest, prune=False)
+            return self._replayed(connection, Origin(caller, key, digest))
 
-    def _replayed(
-        self, connection: sa.Connection, key: str, digest: str, *, prune: bool = True
-    ) -> Job | None:
-        oldest = self.clock() - IDEMPOTENCY_MS
-        if prune:
-            connection.execute(idempotency.delete().where(idempotency.c.created_ms < oldest))
-        query = sa.select(idempotency).where(
-            idempotency.c.key == key, idempotency.c.created_ms >= oldest
-        )
-        row = connection.execute(query).mappings().one_or_none()
-        if row is None:
+    def _replayed(self, connection: sa.Connection, origin: Origin) -> Job | None:
+        if origin.key is None:
             return None
-        if row["digest"] != digest:
-            raise IdempotencyMismatchError(
-                f"Idempotency-Key {key!r} came with another request before; use a new key"
-            )
-        return self._job(connection, row["job_id"])
+        owner, now = origin.caller.owner, self.clock()
+        job_id = job_of_key(connection, owner, origin.key, origin.digest, now)
+        if job_id is None:
+            return None
+        try:
+            return self._job(connection, job_id)
+        except NotFoundError:
+            raise GoneError(f"job {job_id}, which this request made, has been deleted") from None
+
+    def owner_of(self, job_id: str) -> str | None:
+        """The token that submitted a job; `NotFoundError` if there is no such job."""
+        with self.database.read() as connection:
+            query = sa.select(jobs.c.owner).where(jobs.c.id == job_id)
+            row = connection.execute(query).one_or_none()
+        if row is None:
+            raise NotFoundError(f"there is no job {job_id!r}")
+        return None if row.owner is None else str(row.owner)
 
     # Looking
 
@@ -172,11 +192,14 @@ class Store(LeaseStore):
         labels: Mapping[str, str | None] | None = None,
         limit: int = 50,
         before_seq: int | None = None,
+        owner: str | None = None,
     ) -> list[Job]:
-        """Jobs, newest first; a label's value None means any value."""
+        """Jobs, newest first, of one owner or of all; a label's value None means any value."""
         query = sa.select(jobs).order_by(jobs.c.seq.desc()).limit(limit)
         if states:
             query = query.where(jobs.c.state.in_(list(states)))
+        if owner is not None:
+            query = query.where(jobs.c.owner == owner)
         if before_seq is not None:
             query = query.where(jobs.c.seq < before_seq)
         for key, value in (labels or {}).items():
@@ -195,7 +218,7 @@ class Store(LeaseStore):
         if len(queued) == 1:
             return {queued[0].id: self._count_before(queued[0])}
         wanted = [job.id for job in queued]
-        place = sa.func.row_number().over(order_by=(jobs.c.priority.desc(), jobs.c.seq))
+        place = sa.func.row_number().over(order_by=(jobs.c.rank_ms, jobs.c.seq))
         queue = sa.select(jobs.c.id, (place - 1).label("place")).where(IS_QUEUED).subquery()
         query = sa.select(queue.c.id, queue.c.place).where(queue.c.id.in_(wanted))
         with self.database.read() as connection:
@@ -203,9 +226,11 @@ class Store(LeaseStore):
 
     def _count_before(self, job: Job) -> int:
         # Cheaper than numbering the whole queue.
-        more_urgent = jobs.c.priority > job.spec.priority
-        older = sa.and_(jobs.c.priority == job.spec.priority, jobs.c.seq < job.seq)
-        query = sa.select(sa.func.count()).where(IS_QUEUED, sa.or_(more_urgent, older))
+        rank = sa.select(jobs.c.rank_ms).where(jobs.c.id == job.id).scalar_subquery()
+        before = sa.or_(
+            jobs.c.rank_ms < rank, sa.and_(jobs.c.rank_ms == rank, jobs.c.seq < job.seq)
+        )
+        query = sa.select(sa.func.count()).where(IS_QUEUED, before)
         with self.database.read() as connection:
             return int(connection.execute(query).scalar_one())
 
@@ -249,7 +274,8 @@ class Store(LeaseStore):
         with self._change() as change:
             job = self._locked_job(change.connection, job_id)
             self._allowed(job, JobEvent.RETRY)
-            fresh = {"failures": 0, "stalls": 0, "cancel_requested": 0}
+            fresh = {"failures": 0, "stalls": 0, "cancel_requested": 0, "not_before_ms": 0}
+            fresh |= self._place(change.connection, job.spec.priority)
             self._move(change, job, JobEvent.RETRY, error=None, result=None, **fresh)
         return self.job(job_id)
 

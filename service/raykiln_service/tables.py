@@ -34,6 +34,7 @@ assets = Table(
     Column("size_bytes", BigInt, CheckConstraint("size_bytes >= 0"), nullable=False),
     Column("filename", Text),
     Column("created_ms", BigInt, nullable=False),
+    Column("used_ms", BigInt, nullable=False, server_default=text("0")),
     **STRICT,
 )
 
@@ -67,6 +68,14 @@ jobs = Table(
     Column("progress", Text),
     Column("error", Text),
     Column("result", Text),
+    Column("queued_ms", BigInt, nullable=False, server_default=text("0")),
+    Column("rank_ms", BigInt, nullable=False, server_default=text("0")),
+    Column("work", BigInt),
+    Column("scene_key", Text),
+    Column("cache_key", Text),
+    Column("use_cache", Integer, nullable=False, server_default=text("1")),
+    Column("owner", Text),
+    Column("pixel_samples", BigInt, nullable=False, server_default=text("0")),
     CheckConstraint(
         "state IN ('queued', 'running', 'succeeded', 'failed', 'cancelled')", name="job_state"
     ),
@@ -90,8 +99,7 @@ jobs = Table(
     ),
     Index(
         "ix_jobs_queue",
-        "state",
-        text("priority DESC"),
+        "rank_ms",
         "seq",
         sqlite_where=text("state = 'queued'"),
         postgresql_where=text("state = 'queued'"),
@@ -103,6 +111,16 @@ jobs = Table(
         postgresql_where=text("state = 'running'"),
     ),
     Index("ix_jobs_state", "state", "seq"),
+    Index("ix_jobs_owner", "owner", "state", "seq"),
+    Index(
+        "ix_jobs_cache",
+        "cache_key",
+        "seq",
+        sqlite_where=text("state = 'succeeded' AND cache_key IS NOT NULL"),
+        postgresql_where=text("state = 'succeeded' AND cache_key IS NOT NULL"),
+    ),
+    Index("ix_jobs_asset", "asset_id"),
+    Index("ix_jobs_finished", "finished_ms"),
     sqlite_autoincrement=True,
     **STRICT,
 )
@@ -110,6 +128,7 @@ jobs = Table(
 # Spelt out, not bound: SQLite uses a partial index only where it sees its condition.
 IS_QUEUED = jobs.c.state == literal_column("'queued'")
 IS_RUNNING = jobs.c.state == literal_column("'running'")
+IS_SUCCEEDED = jobs.c.state == literal_column("'succeeded'")
 
 job_labels = Table(
     "job_labels",
@@ -133,13 +152,12 @@ events = Table(
     **STRICT,
 )
 
-idempotency = Table(
-    "idempotency",
+# One row, for all services that share the database.
+queue = Table(
+    "queue",
     metadata,
-    Column("key", Text, primary_key=True),
-    Column("digest", Text, nullable=False),
-    Column("job_id", Text, ForeignKey("jobs.id", ondelete="CASCADE"), nullable=False),
-    Column("created_ms", BigInt, nullable=False),
-    Index("ix_idempotency_created", "created_ms"),
+    Column("id", Integer, CheckConstraint("id = 1"), primary_key=True),
+    Column("paused_ms", BigInt),
+    Column("reason", Text),
     **STRICT,
 )

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from alembic import context
 
-from raykiln_service.tables import metadata
+from raykiln_service import tables_access
 
 context.configure(
     connection=context.config.attributes["connection"],
-    target_metadata=metadata,
+    target_metadata=tables_access.metadata,
     transactional_ddl=True,
 )
 with context.begin_transaction():
