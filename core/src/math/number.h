@@ -1,5 +1,6 @@
 #pragma once
 
+#include <array>
 #include <bit>
 #include <cmath>
 #include <cstdint>
@@ -18,6 +19,19 @@ template <>
 struct NumberTraits<float> {
     using Mask = bool;
     using Uint = std::uint32_t;
+    using Scalar = float;
+    static constexpr int width = 1;
+
+    static float load(const float* from) { return *from; }
+};
+template <>
+struct NumberTraits<std::uint32_t> {
+    using Mask = bool;
+    using Scalar = std::uint32_t;
+    static constexpr int width = 1;
+
+    static std::uint32_t load(const std::uint32_t* from) { return *from; }
+    static std::uint32_t iota() { return 0; }
 };
 
 template <class F>
@@ -25,8 +39,32 @@ using Mask = typename NumberTraits<F>::Mask;
 template <class F>
 using Uint = typename NumberTraits<F>::Uint;
 
+/// As many neighbours in memory as there are lanes; N is F or Uint<F>. No alignment is
+/// needed.
+template <class N>
+inline N load(const typename NumberTraits<N>::Scalar* from) {
+    return NumberTraits<N>::load(from);
+}
+inline void store(float* to, float x) {
+    *to = x;
+}
+inline void store(std::uint32_t* to, std::uint32_t x) {
+    *to = x;
+}
+/// The number of each lane.
+template <class U>
+inline U iota() {
+    return NumberTraits<U>::iota();
+}
+
 /// a where the mask is set, else b.
 inline float select(bool mask, float a, float b) {
+    return mask ? a : b;
+}
+inline std::uint32_t select(bool mask, std::uint32_t a, std::uint32_t b) {
+    return mask ? a : b;
+}
+inline bool select(bool mask, bool a, bool b) {
     return mask ? a : b;
 }
 inline bool any(bool mask) {
@@ -34,6 +72,17 @@ inline bool any(bool mask) {
 }
 inline bool all(bool mask) {
     return mask;
+}
+inline bool none(bool mask) {
+    return !mask;
+}
+/// Lanes that are set.
+inline int count(bool mask) {
+    return static_cast<int>(mask);
+}
+/// Bit i is lane i.
+inline std::uint32_t bits(bool mask) {
+    return static_cast<std::uint32_t>(mask);
 }
 
 inline float abs(float x) {
@@ -51,10 +100,74 @@ inline float min(float a, float b) {
 inline float max(float a, float b) {
     return a > b ? a : b;
 }
+inline std::uint32_t min(std::uint32_t a, std::uint32_t b) {
+    return a < b ? a : b;
+}
+inline std::uint32_t max(std::uint32_t a, std::uint32_t b) {
+    return a > b ? a : b;
+}
 inline float copysign(float magnitude, float sign) {
     return std::copysign(magnitude, sign);
 }
 
+/// The bits of a number, and back.
+inline std::uint32_t as_uint(float x) {
+    return std::bit_cast<std::uint32_t>(x);
+}
+inline float as_float(std::uint32_t x) {
+    return std::bit_cast<float>(x);
+}
+/// The value as a number of the other kind, below 2^31; fractions are cut off.
+inline std::uint32_t to_uint(float x) {
+    return static_cast<std::uint32_t>(static_cast<std::int32_t>(x));
+}
+inline float to_float(std::uint32_t x) {
+    return static_cast<float>(static_cast<std::int32_t>(x));
+}
+
+/// base[index] in each lane; index < 2^31.
+inline float gather(const float* base, std::uint32_t index) {
+    return base[index];
+}
+inline std::uint32_t gather(const std::uint32_t* base, std::uint32_t index) {
+    return base[index];
+}
+/// The same where the mask is set (nothing else is read), and `otherwise` elsewhere.
+inline float gather(bool mask, const float* base, std::uint32_t index, float otherwise) {
+    return mask ? base[index] : otherwise;
+}
+inline std::uint32_t gather(bool mask, const std::uint32_t* base, std::uint32_t index,
+                            std::uint32_t otherwise) {
+    return mask ? base[index] : otherwise;
+}
+/// base[index] = value where the mask is set; of equal indices the highest lane stays.
+inline void scatter(bool mask, float* base, std::uint32_t index, float value) {
+    if (mask) {
+        base[index] = value;
+    }
+}
+inline void scatter(bool mask, std::uint32_t* base, std::uint32_t index,
+                    std::uint32_t value) {
+    if (mask) {
+        base[index] = value;
+    }
+}
+/// Appends the lanes of the mask in order and returns their number. There must be room
+/// for all lanes: what follows the appended ones is overwritten.
+inline int compress_store(bool mask, float value, float* out) {
+    *out = value;
+    return count(mask);
+}
+inline int compress_store(bool mask, std::uint32_t value, std::uint32_t* out) {
+    *out = value;
+    return count(mask);
+}
+
+/// Neither infinite nor not a number.
+template <class F>
+inline Mask<F> is_finite(F x) {
+    return abs(x) < F(std::numeric_limits<float>::infinity());
+}
 /// Nearest integer, halves away from zero towards +infinity.
 template <class F>
 inline F round_half_up(F x) {
@@ -96,6 +209,12 @@ inline float exp2_integral(float n) {
 /// The 32 bits as a number in [0, 1): the upper 24 of them.
 inline float unit_from_bits(std::uint32_t bits) {
     return static_cast<float>(bits >> 8) * 0x1p-24f;
+}
+
+/// Entry `index` of a table of 16; index < 16.
+inline std::uint32_t lookup16(const std::array<std::uint32_t, 16>& table,
+                              std::uint32_t index) {
+    return table[index];
 }
 
 constexpr float pi = 3.14159265358979323846f;

@@ -129,6 +129,25 @@ constexpr std::array<std::array<SobolPoint, 256>, 4> sobol_byte_table() {
 
 inline const auto sobol_bytes = sobol_byte_table();
 
+/// What each value of half byte `part` of the index adds to coordinate `d` + 1.
+constexpr auto sobol_half_byte_table() {
+    std::array<std::array<std::array<std::uint32_t, 16>, 3>, 8> table{};
+    for (std::size_t part = 0; part < 8; ++part) {
+        for (std::size_t d = 0; d < 3; ++d) {
+            for (std::size_t bit = 0; bit < 4; ++bit) {
+                for (std::size_t value = 0; value < 16; ++value) {
+                    if ((value >> bit) % 2 != 0) {
+                        table[part][d][value] ^= sobol_columns[d][4 * part + bit];
+                    }
+                }
+            }
+        }
+    }
+    return table;
+}
+
+inline constexpr auto sobol_half_bytes = sobol_half_byte_table();
+
 }  // namespace detail
 
 /// All four coordinates of point `index`, bits reversed.
@@ -147,8 +166,15 @@ inline detail::SobolPoint sobol_point_reversed(std::uint32_t index) {
 }
 template <class U>
 inline std::array<U, 4> sobol_point_reversed(U index) {
-    return {sobol_reversed(index, 0), sobol_reversed(index, 1), sobol_reversed(index, 2),
-            sobol_reversed(index, 3)};
+    std::array<U, 4> x{index, U(0u), U(0u), U(0u)};
+    const std::size_t parts = any(index >> 16 != U(0u)) ? 8 : 4;
+    for (std::size_t part = 0; part < parts; ++part) {
+        const U value = (index >> static_cast<int>(4 * part)) & U(15u);
+        for (std::size_t d = 0; d < 3; ++d) {
+            x[d + 1] = x[d + 1] ^ lookup16(detail::sobol_half_bytes[part][d], value);
+        }
+    }
+    return x;
 }
 
 }  // namespace raykiln

@@ -1,0 +1,98 @@
+#pragma once
+
+#include <immintrin.h>
+
+#include <cstdint>
+
+// What math/wide.h asks of an instruction set: here AVX-512 (x86-64-v4), 16 lanes.
+
+namespace raykiln {
+inline namespace wide_avx512 {
+
+struct WideIsa {
+    static constexpr int width = 16;
+    static constexpr const char* name = "avx512";
+
+    typedef float Float __attribute__((vector_size(64)));
+    typedef std::uint32_t Uint __attribute__((vector_size(64)));
+    typedef std::int32_t Int __attribute__((vector_size(64)));
+    using Mask = __mmask16;
+
+    // GCC 12 warns of uninitialised values inside its unmasked intrinsics; the masked
+    // forms with a constant mask become the same instructions.
+    static constexpr Mask every_lane = 0xffff;
+
+    static __m512i raw(Uint a) { return reinterpret_cast<__m512i>(a); }
+    static Uint uint(__m512i a) { return reinterpret_cast<Uint>(a); }
+
+    static Mask mask_of(bool all) { return all ? 0xffff : 0; }
+    static Mask mask_of_bits(std::uint32_t bits) { return static_cast<Mask>(bits); }
+    static std::uint32_t bits(Mask m) { return m; }
+    static Mask mask_and(Mask a, Mask b) { return _kand_mask16(a, b); }
+    static Mask mask_or(Mask a, Mask b) { return _kor_mask16(a, b); }
+    static Mask mask_xor(Mask a, Mask b) { return _kxor_mask16(a, b); }
+    static Mask mask_not(Mask a) { return _knot_mask16(a); }
+
+    static Mask equal(Float a, Float b) { return _mm512_cmp_ps_mask(a, b, _CMP_EQ_OQ); }
+    static Mask less(Float a, Float b) { return _mm512_cmp_ps_mask(a, b, _CMP_LT_OS); }
+    static Mask less_equal(Float a, Float b) {
+        return _mm512_cmp_ps_mask(a, b, _CMP_LE_OS);
+    }
+    static Mask equal(Uint a, Uint b) { return _mm512_cmpeq_epu32_mask(raw(a), raw(b)); }
+    static Mask less(Uint a, Uint b) { return _mm512_cmplt_epu32_mask(raw(a), raw(b)); }
+
+    static Float select(Mask m, Float a, Float b) {
+        return _mm512_mask_blend_ps(m, b, a);
+    }
+    static Uint select(Mask m, Uint a, Uint b) {
+        return uint(_mm512_mask_blend_epi32(m, raw(b), raw(a)));
+    }
+    static Float min(Float a, Float b) { return _mm512_maskz_min_ps(every_lane, a, b); }
+    static Float max(Float a, Float b) { return _mm512_maskz_max_ps(every_lane, a, b); }
+    static Uint min(Uint a, Uint b) {
+        return uint(_mm512_maskz_min_epu32(every_lane, raw(a), raw(b)));
+    }
+    static Uint max(Uint a, Uint b) {
+        return uint(_mm512_maskz_max_epu32(every_lane, raw(a), raw(b)));
+    }
+    static Float sqrt(Float a) { return _mm512_maskz_sqrt_ps(every_lane, a); }
+    static Float floor(Float a) {
+        return _mm512_maskz_roundscale_ps(every_lane, a,
+                                          _MM_FROUND_TO_NEG_INF | _MM_FROUND_NO_EXC);
+    }
+
+    static Float gather(const float* base, Uint index) {
+        return gather(every_lane, base, index, Float{});
+    }
+    static Uint gather(const std::uint32_t* base, Uint index) {
+        return gather(every_lane, base, index, Uint{});
+    }
+    static Float gather(Mask m, const float* base, Uint index, Float otherwise) {
+        return _mm512_mask_i32gather_ps(otherwise, m, raw(index), base, 4);
+    }
+    static Uint gather(Mask m, const std::uint32_t* base, Uint index, Uint otherwise) {
+        return uint(_mm512_mask_i32gather_epi32(raw(otherwise), m, raw(index), base, 4));
+    }
+    static void scatter(Mask m, float* base, Uint index, Float value) {
+        _mm512_mask_i32scatter_ps(base, m, raw(index), value, 4);
+    }
+    static void scatter(Mask m, std::uint32_t* base, Uint index, Uint value) {
+        _mm512_mask_i32scatter_epi32(base, m, raw(index), raw(value), 4);
+    }
+    /// The lanes of the mask moved to the front; the others are 0.
+    static Uint compress(Mask m, Uint value) {
+        return uint(_mm512_maskz_compress_epi32(m, raw(value)));
+    }
+    /// Entry `index` of a table of 16, which must be < 16.
+    static Uint lookup16(const std::uint32_t* table, Uint index) {
+        return uint(_mm512_maskz_permutexvar_epi32(every_lane, raw(index),
+                                                   _mm512_loadu_si512(table)));
+    }
+    /// Within each 16 bytes: byte i of the result is byte index[i] of the table.
+    static Uint shuffle_bytes(Uint table, Uint index) {
+        return uint(_mm512_shuffle_epi8(raw(table), raw(index)));
+    }
+};
+
+}  // namespace wide_avx512
+}  // namespace raykiln
