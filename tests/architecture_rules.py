@@ -50,7 +50,7 @@ PYTHON_ROOMS: dict[str, Room] = {
     "scene": Room(
         {
             f"raykiln.{name}"
-            for name in ("arrays", "metals", "primitives", "scene", "settings", "studio")
+            for name in ("arrays", "frames", "metals", "primitives", "scene", "settings", "studio")
         },
         {"errors"},
     ),
@@ -65,7 +65,7 @@ PYTHON_ROOMS: dict[str, Room] = {
     ),
     "store": Room(
         {f"raykiln_service.{name}" for name in ("database", "leases", "rows", "store")}
-        | {f"raykiln_service.{name}" for name in ("migrations", "store_base", "tables")},
+        | {f"raykiln_service.{name}" for name in ("migrations", "store_base", "store_queue", "tables")},
         {"jobs"},
     ),
     "assets": Room(
@@ -73,7 +73,9 @@ PYTHON_ROOMS: dict[str, Room] = {
         {"jobs", "store", "renderer", "formats"},
     ),
     "events": Room({"raykiln_service.events", "raykiln_service.metrics"}, {"jobs", "store"}),
-    "executors": Room({"raykiln_service.executors"}, {"jobs", "assets", "renderer", "image"}),
+    "executors": Room(
+        {"raykiln_service.executors"}, {"jobs", "assets", "renderer", "scene", "image"}
+    ),
     "dispatcher": Room(
         {"raykiln_service.attempt", "raykiln_service.dispatcher"},
         {"jobs", "store", "assets", "events", "executors"},

@@ -11,7 +11,9 @@ from __future__ import annotations
 
 from raykiln._core import __version__
 from raykiln.bundled import bundled_scenes, load_scene
+from raykiln.compile import PreparedScene, prepare
 from raykiln.errors import ImageError, RaykilnError, RenderError, SceneError, SettingsError
+from raykiln.frames import turntable
 from raykiln.render import Progress, SceneReport, check, render
 from raykiln.result import RenderResult, RenderStats
 from raykiln.scene import (
@@ -62,6 +64,7 @@ __all__ = [
     "PerspectiveCamera",
     "Plastic",
     "PointLight",
+    "PreparedScene",
     "Principled",
     "Progress",
     "RaykilnError",
@@ -81,5 +84,7 @@ __all__ = [
     "bundled_scenes",
     "check",
     "load_scene",
+    "prepare",
     "render",
+    "turntable",
 ]

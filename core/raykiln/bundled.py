@@ -23,7 +23,9 @@ def find_scene(scene: str | Path) -> Path:
     return bundled_scenes().get(str(scene), path)
 
 
-def load_scene(scene: str | Path, *, base_dir: str | Path | None = None) -> Scene:
+def load_scene(
+    scene: str | Path, *, base_dir: str | Path | None = None, time_s: float | None = None
+) -> Scene:
     """Read a scene file, or a bundled scene by its name.
 
     Parameters
@@ -32,13 +34,17 @@ def load_scene(scene: str | Path, *, base_dir: str | Path | None = None) -> Scen
         A path with one of the known extensions, or a name from `bundled_scenes`.
     base_dir
         Folder that the scene's other files must lie in; default: the folder of the file.
+    time_s
+        The moment of an animated scene (glTF) to show, in seconds; None = at rest.
+        `Scene.time_range_s` says how long the animation is.
 
     Raises
     ------
     SceneError
-        There is no such file, it is damaged, or its format is not known.
+        There is no such file, it is damaged, its format is not known, or `time_s` was given for a
+        scene that is not animated.
     """
-    return formats.load(find_scene(scene), base_dir=base_dir)
+    return formats.load(find_scene(scene), base_dir=base_dir, time_s=time_s)
 
 
 def heading_of(path: Path) -> tuple[str | None, str | None]:

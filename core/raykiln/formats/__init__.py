@@ -28,7 +28,9 @@ READERS = {
 PLANNED = (".usd", ".usda", ".usdc", ".usdz", ".pbrt")
 
 
-def load(path: str | Path, *, base_dir: str | Path | None = None) -> Scene:
+def load(
+    path: str | Path, *, base_dir: str | Path | None = None, time_s: float | None = None
+) -> Scene:
     """Read a scene file of any supported format.
 
     Parameters
@@ -37,6 +39,8 @@ def load(path: str | Path, *, base_dir: str | Path | None = None) -> Scene:
         The file; its extension says the format.
     base_dir
         Folder that the scene's other files must lie in; default: the folder of `path`.
+    time_s
+        The moment of an animated scene to read it at; None = at rest.
 
     Returns
     -------
@@ -47,9 +51,10 @@ def load(path: str | Path, *, base_dir: str | Path | None = None) -> Scene:
     Raises
     ------
     SceneError
-        The file does not exist, is damaged, or is of no supported format.
+        The file does not exist, is damaged, or is of no supported format; or it has no animation
+        and `time_s` was given.
     """
-    return _load(Path(path), None if base_dir is None else Path(base_dir))[0]
+    return _load(Path(path), None if base_dir is None else Path(base_dir), time_s)[0]
 
 
 def side_files(path: str | Path, *, base_dir: str | Path | None = None) -> set[Path]:
@@ -58,15 +63,17 @@ def side_files(path: str | Path, *, base_dir: str | Path | None = None) -> set[P
     return files.used - {Path(path).resolve()}
 
 
-def _load(path: Path, base_dir: Path | None) -> tuple[Scene, Files]:
+def _load(path: Path, base_dir: Path | None, time_s: float | None = None) -> tuple[Scene, Files]:
     read = reader_of(path)
     if not path.is_file():
         what = "a folder, not a file" if path.is_dir() else "the file does not exist"
         raise SceneError(what, file=path)
     # Numbers out of the range of float32 become infinite, and those are refused by name.
     with scene_errors(path), np.errstate(over="ignore", invalid="ignore"):
-        files = Files(path, base_dir)
+        files = Files(path, base_dir, time_s=time_s)
         scene = read(path, files)
+        if time_s is not None and scene.time_range_s is None:
+            raise SceneError("the scene has no animation, so it is at no time", found=time_s)
         scene.base_dir = files.root
         complete(scene)
     return scene, files

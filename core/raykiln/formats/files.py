@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -31,9 +32,16 @@ class Files:
         The file that names the others; they are found beside it.
     base_dir
         Folder that nothing may be read outside of; default: the folder of `scene_file`.
+    time_s
+        The moment at which an animated scene is read; None = at rest.
     """
 
-    def __init__(self, scene_file: Path, base_dir: Path | None = None) -> None:
+    def __init__(
+        self, scene_file: Path, base_dir: Path | None = None, *, time_s: float | None = None
+    ) -> None:
+        if time_s is not None and not math.isfinite(time_s):
+            raise SceneError("not a time", found=time_s, accepted="a finite number of seconds")
+        self.time_s = time_s
         self.scene_file = scene_file
         self.folder = scene_file.resolve().parent
         self.root = self.folder if base_dir is None else Path(base_dir).resolve()

@@ -11,6 +11,7 @@ import numpy as np
 
 from raykiln.errors import SceneError
 from raykiln.formats.files import MAX_FILE_BYTES, Files
+from raykiln.formats.gltf_animation import animate
 from raykiln.formats.gltf_data import GLB_MAGIC, GltfData, split_glb
 from raykiln.formats.gltf_extras import add_extras
 from raykiln.formats.gltf_materials import GltfMaterial, Materials
@@ -74,8 +75,6 @@ def _check_asset(data: GltfData, scene: Scene) -> None:
         # Those of materials are named where they are used.
         if name not in SUPPORTED and not str(name).startswith("KHR_materials_"):
             scene.warn(f"the extension {str(name)[:100]} is not supported and not used")
-    if root.sequence("animations"):
-        scene.warn("animations are not played: the scene is shown at rest")
 
 
 class _Reader:
@@ -83,6 +82,7 @@ class _Reader:
         self.data, self.scene = data, scene
         self.root = data.root
         self.nodes = list(data.root.items("nodes"))
+        animate(data, self.nodes, scene, data.files.time_s)
         self.materials = Materials(data, scene, Textures(data, scene))
         self.world: list[Array] = [np.eye(4) for _ in self.nodes]
         self.shown: list[int] = []

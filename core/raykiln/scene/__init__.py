@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeVar
 
 import numpy as np
-from pydantic import AfterValidator, Field, PlainSerializer, ValidationError
+from pydantic import AfterValidator, Field, PlainSerializer, PrivateAttr, ValidationError
 
 from raykiln.errors import SceneError, scene_error_of
 from raykiln.scene.base import (
@@ -157,6 +157,16 @@ class Scene(Node):
     """Folder that relative file names start from; nothing outside it is read."""
     warnings: list[str] = Field(default_factory=list, exclude=True)
     """What the file asked for and is not supported, one sentence each."""
+    _time_range_s: tuple[float, float] | None = PrivateAttr(default=None)
+
+    @property
+    def time_range_s(self) -> tuple[float, float] | None:
+        """First and last moment of the file's animation; None = not animated."""
+        return self._time_range_s
+
+    @time_range_s.setter
+    def time_range_s(self, value: tuple[float, float] | None) -> None:
+        self._time_range_s = value
 
     @classmethod
     def create(cls, data: dict[str, Any], *, file: object = None) -> Scene:

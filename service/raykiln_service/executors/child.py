@@ -50,7 +50,7 @@ class Rendering:
 
         started = time.monotonic()
         self._tell("progress", progress={"phase": "load", "fraction": 0.0})
-        scene = rk.load_scene(Path(self._task["scene_path"]), base_dir=self._task["base_dir"])
+        scene = self._scene()
         settings = rk.RenderSettings.create(**self._settings())
         loaded_s = time.monotonic() - started
         if self._channel.stop_reason(self._token):
@@ -61,6 +61,18 @@ class Rendering:
             return "done", self._write(result, loaded_s)
         # A cancel keeps the image so far; any other stop needs the checkpoint only.
         return "stopped", self._write(result, loaded_s) if reason == "cancel" else None
+
+    def _scene(self) -> Any:
+        import raykiln as rk
+
+        scene = rk.load_scene(
+            Path(self._task["scene_path"]),
+            base_dir=self._task["base_dir"],
+            time_s=self._task["time_s"],
+        )
+        if self._task["camera"] is not None:
+            scene.set_camera(rk.PerspectiveCamera.model_validate(self._task["camera"]))
+        return scene
 
     def _settings(self) -> dict[str, Any]:
         given = dict(self._task["settings"])

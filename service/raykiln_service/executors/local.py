@@ -85,12 +85,15 @@ class LocalExecutor:
         return outcome
 
     def _request(self, task: Task) -> dict[str, Any]:
+        frame = task.unit.frame
         return {
             "type": "render",
             "token": task.token,
             "scene_path": str(task.scene_path),
             "base_dir": str(task.base_dir),
             "settings": dict(task.settings),
+            "camera": None if frame is None or frame.camera is None else dict(frame.camera),
+            "time_s": None if frame is None else frame.time_s,
             "outputs": list(task.outputs),
             "work_dir": str(task.work_dir),
             "checkpoint": str(task.checkpoint),
