@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import platform
+import queue
 import resource
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,7 +17,7 @@ import numpy as np
 from raykiln import _core
 from raykiln import checkpoint as checkpoints
 from raykiln import denoise as denoising
-from raykiln.compile import CompiledScene, compile_scene
+from raykiln.compile import CompiledScene, PreparedScene, compile_scene
 from raykiln.errors import SettingsError
 from raykiln.result import Pixels, RenderResult, RenderStats
 from raykiln.scene import Scene
@@ -23,6 +25,7 @@ from raykiln.settings import RenderSettings
 
 # A noise estimate from fewer samples is itself noise.
 MIN_SPP_FOR_NOISE = 16
+_ASK_S = 0.02
 
 
 @dataclass(frozen=True)
@@ -95,7 +98,7 @@ def check(scene: Scene, settings: RenderSettings | None = None) -> SceneReport:
 
 
 def render(
-    scene: Scene,
+    scene: Scene | PreparedScene,
     settings: RenderSettings | None = None,
     on_progress: OnProgress | None = None,
     *,
@@ -108,12 +111,13 @@ def render(
     Parameters
     ----------
     scene
-        From `load_scene`, or built in code.
+        From `load_scene`, built in code, or made ready for several renders by `prepare`.
     settings
         Fields left unset are taken from the scene, then from the defaults.
     on_progress
         Called at the end of each pass, and more than ten times a second within it, from this
         thread; return False to stop: what was rendered by then is returned, with `complete` False.
+        Also called while denoising, with all samples done: stopped there, the image stays noisy.
     checkpoint
         A file to keep the state in: written at the end of a pass when `checkpoint_interval_s`
         seconds went by since the last time, and when the render stops early.
@@ -130,21 +134,28 @@ def render(
         Ctrl-C arrived; the checkpoint was written.
     """
     start = time.perf_counter()
-    resolved = (settings or RenderSettings()).over(scene.settings)
+    given = settings or RenderSettings()
+    resolved = given.over((scene.scene if isinstance(scene, PreparedScene) else scene).settings)
     if resume and checkpoint is None:
         raise SettingsError("resume: needs a checkpoint file to resume from")
     if resolved.denoise:
         denoising.require()
-    compiled = compile_scene(scene, resolved)
+    compiled = _compiled(scene, resolved)
     job = _Job(compiled, resolved, on_progress)
     if checkpoint is not None:
         job.keep(Path(checkpoint), checkpoint_interval_s, resume)
     complete = job.run()
     result = job.result(complete)
     if resolved.denoise:
-        _denoise(result, keep=resolved.aovs)
+        _denoise(result, job.ask, keep=resolved.aovs)
     result.stats.total_s = time.perf_counter() - start
     return result
+
+
+def _compiled(scene: Scene | PreparedScene, settings: RenderSettings) -> CompiledScene:
+    if isinstance(scene, PreparedScene):
+        return scene.view(settings)
+    return compile_scene(scene, settings)
 
 
 class _Job:
@@ -222,6 +233,10 @@ class _Job:
         # The first pass is always finished: without it there is no image.
         if self._over_budget() and self.renderer.samples_done:
             return False
+        return self.ask()
+
+    def ask(self) -> bool:
+        """Report the progress; False if the caller wants an end."""
         return self.on_progress is None or self.on_progress(self._progress()) is not False
 
     def _over_budget(self) -> bool:
@@ -306,6 +321,7 @@ class _Job:
             isa=isa(),
             engine_version=_core.__version__,
             scene_sha256=self.compiled.sha256,
+            warm=self.compiled.warm,
         )
         return RenderResult(
             self._image(),
@@ -333,14 +349,45 @@ def _luminance(image: Pixels) -> Pixels:
     return luminance
 
 
-def _denoise(result: RenderResult, keep: tuple[str, ...]) -> None:
+def _denoise(result: RenderResult, ask: Callable[[], bool], keep: tuple[str, ...]) -> None:
     start = time.perf_counter()
     noisy = result.image
-    result.image = denoising.denoise(noisy, result.aovs["albedo"], result.aovs["normal"])
+    denoised = None
+    if result.complete:
+        denoised = _denoised(noisy, result.aovs["albedo"], result.aovs["normal"], ask)
     result.aovs = {name: layer for name, layer in result.aovs.items() if name in keep}
-    # So that one can compare, and blend the two.
-    result.aovs["noisy"] = noisy
+    if denoised is None:
+        result.complete = False
+    else:
+        result.image = denoised
+        # So that one can compare, and blend the two.
+        result.aovs["noisy"] = noisy
     result.stats.denoise_s = time.perf_counter() - start
+
+
+def _denoised(
+    image: Pixels, albedo: Pixels, normal: Pixels, ask: Callable[[], bool]
+) -> Pixels | None:
+    """The denoised image, or None if `ask` said to stop; the denoiser itself cannot be stopped."""
+    outcome: queue.SimpleQueue[Pixels | BaseException] = queue.SimpleQueue()
+
+    def work() -> None:
+        try:
+            outcome.put(denoising.denoise(image, albedo, normal))
+        except BaseException as error:
+            outcome.put(error)
+
+    threading.Thread(target=work, daemon=True).start()
+    while True:
+        try:
+            found = outcome.get(timeout=_ASK_S)
+        except queue.Empty:
+            if not ask():
+                return None
+            continue
+        if isinstance(found, BaseException):
+            raise found
+        return found
 
 
 def isa() -> str:

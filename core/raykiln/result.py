@@ -44,6 +44,8 @@ class RenderStats:
     nonfinite_samples: int = 0
     engine_version: str = ""
     scene_sha256: str = ""
+    warm: bool = False
+    """The scene was in memory already, built for an earlier render."""
 
     def as_dict(self) -> dict[str, Any]:
         """The statistics as plain values, for JSON."""

@@ -36,7 +36,7 @@ def complete(scene: Scene) -> None:
     if not scene.cameras:
         scene.cameras.append(three_quarter_camera(scene))
         scene.warn("the scene has no camera: a three-quarter view of its bounds is used")
-    if not _has_light(scene):
+    if not has_light(scene):
         scene.lights.append(studio_light(scene.cameras[0]))
         scene.warn("the scene has no light: a soft neutral studio environment is used")
 
@@ -146,7 +146,7 @@ def rows(matrix: Any) -> Any:
     return tuple(tuple(float(x) for x in row) for row in np.asarray(matrix, np.float64))
 
 
-def _has_light(scene: Scene) -> bool:
+def has_light(scene: Scene) -> bool:
     if scene.lights:
         return True
     used = {s.group for s in scene.shapes if isinstance(s, Instance)}

@@ -17,6 +17,7 @@ STATISTICS = {
     "queue_s", "load_s", "bvh_s", "render_s", "denoise_s", "encode_s", "total_s", "samples", "spp",
     "camera_rays", "bounce_rays", "shadow_rays", "rays_per_s", "peak_memory_bytes", "triangles",
     "threads", "isa", "nonfinite_samples", "engine_version", "scene_sha256",
+    "warm",
 }  # fmt: skip
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import time
 from collections.abc import Iterable
@@ -17,14 +18,14 @@ from raykiln.compile.materials import Materials
 from raykiln.compile.shapes import Shapes
 from raykiln.compile.textures import Textures
 from raykiln.errors import SceneError
-from raykiln.scene import Scene
+from raykiln.scene import Camera, Scene
 from raykiln.settings import RenderSettings
 
-__all__ = ["CompiledScene", "compile_scene", "scene_sha256"]
+__all__ = ["CompiledScene", "PreparedScene", "compile_scene", "prepare", "scene_sha256"]
 
 
 class CompiledScene(NamedTuple):
-    """A scene that is ready to render."""
+    """A scene that is ready to render by one camera."""
 
     core: _core.Scene
     sha256: str
@@ -33,36 +34,110 @@ class CompiledScene(NamedTuple):
     """Reading images, transforming, handing over."""
     bvh_s: float
     """Building the hierarchies and the tables of the lights."""
+    warm: bool = False
+    """All that was done before, for an earlier render."""
+
+
+class PreparedScene:
+    """A scene in memory, built once, that any number of renders can start from at once.
+
+    Made by `prepare`; `render` takes it in place of a `Scene`, and gives the same bits. Later
+    changes of the `Scene` it was made from do not show. Not for use by two threads at a time.
+
+    Attributes
+    ----------
+    scene
+        As it was prepared.
+    sha256
+        Hash of all that the scene says.
+    load_s, bvh_s
+        What preparing took, in seconds.
+    """
+
+    def __init__(self, scene: Scene, build: Build, load_s: float, bvh_s: float) -> None:
+        self.scene = scene
+        self.load_s = load_s
+        self.bvh_s = bvh_s
+        self._build = build
+        self._digests = _digests(build.scene, build.files_read)
+        self.sha256 = _combined(self._digests)
+
+    @property
+    def memory_bytes(self) -> int:
+        """Of the bounding volume hierarchies."""
+        return self._build.core.memory_bytes
+
+    def with_camera(self, camera: Camera) -> PreparedScene:
+        """The scene as `Scene.set_camera` makes it, without building it again.
+
+        A scene without any light is built again: its studio light stands by its camera.
+        """
+        scene = self.scene.model_copy()
+        scene.set_camera(camera)
+        if not studio.has_light(scene):
+            return prepare(scene)
+        other = copy.copy(self)
+        other.scene = scene
+        other._build = copy.copy(self._build)
+        other._build.scene = _completed(scene)
+        other._digests = {**self._digests, **_digests(other._build.scene, only={"cameras"})}
+        other.sha256 = _combined(other._digests)
+        return other
+
+    def view(self, settings: RenderSettings) -> CompiledScene:
+        """The scene by the camera and shape of image that the settings name."""
+        set_camera(self._build, settings)
+        build = self._build
+        warnings = [*build.scene.warnings, *build.warnings]
+        return CompiledScene(build.core, self.sha256, warnings, 0.0, 0.0, warm=True)
+
+
+def prepare(scene: Scene) -> PreparedScene:
+    """Check a scene wholly and build it, to render it more than once.
+
+    Raises
+    ------
+    SceneError
+        Names the first bad place.
+    """
+    return _prepared(scene, Build(_completed(scene)), time.perf_counter())
 
 
 def compile_scene(scene: Scene, settings: RenderSettings) -> CompiledScene:
     """Check a scene wholly and build it; raises `SceneError` at the first bad place."""
     start = time.perf_counter()
-    if not scene.shapes:
-        raise SceneError("the scene is empty", pointer="/shapes", accepted="at least one shape")
+    _check_not_empty(scene)
     build = Build(_completed(scene))
-    _add_parts(build, settings)
+    set_camera(build, settings)
+    prepared = _prepared(scene, build, start)
+    return prepared.view(settings)._replace(
+        load_s=prepared.load_s, bvh_s=prepared.bvh_s, warm=False
+    )
+
+
+def _prepared(scene: Scene, build: Build, start: float) -> PreparedScene:
+    _check_not_empty(scene)
+    _add_parts(build)
     loaded = time.perf_counter()
     build.core.build()
-    return CompiledScene(
-        build.core,
-        scene_sha256(build.scene, build.files_read),
-        [*build.scene.warnings, *build.warnings],
-        loaded - start,
-        time.perf_counter() - loaded,
-    )
+    kept = scene.model_copy(update={"settings": dict(scene.settings)})
+    return PreparedScene(kept, build, loaded - start, time.perf_counter() - loaded)
+
+
+def _check_not_empty(scene: Scene) -> None:
+    if not scene.shapes:
+        raise SceneError("the scene is empty", pointer="/shapes", accepted="at least one shape")
 
 
 def _completed(scene: Scene) -> Scene:
     """The scene with a camera and lights; one from a file has them, one made in code may not."""
     lists = ("cameras", "lights", "warnings")
-    copy = scene.model_copy(update={name: list(getattr(scene, name)) for name in lists})
-    studio.complete(copy)
-    return copy
+    completed = scene.model_copy(update={name: list(getattr(scene, name)) for name in lists})
+    studio.complete(completed)
+    return completed
 
 
-def _add_parts(build: Build, settings: RenderSettings) -> None:
-    set_camera(build, settings)
+def _add_parts(build: Build) -> None:
     textures = Textures(build)
     materials = Materials(build, textures)
     for name in build.scene.textures:
@@ -75,10 +150,29 @@ def _add_parts(build: Build, settings: RenderSettings) -> None:
 
 def scene_sha256(scene: Scene, files: Iterable[Path] = ()) -> str:
     """SHA-256 of all that the scene says, arrays and image files included."""
+    return _combined(_digests(scene, files))
+
+
+def _digests(
+    scene: Scene, files: Iterable[Path] = (), only: set[str] | None = None
+) -> dict[str, bytes]:
+    """Hashes of the parts of a scene, so that a change of one does not hash all others again."""
+    unsaid = {"base_dir", "warnings", "settings"}
+    digests = {}
+    for name, value in scene.model_dump(include=only, exclude=unsaid).items():
+        digest = hashlib.sha256()
+        _hash_value(digest, value)
+        digests[name] = digest.digest()
+    if only is None:
+        # No field is named so.
+        names = sorted(set(files))
+        digests["(files)"] = b"".join(hashlib.sha256(f.read_bytes()).digest() for f in names)
+    return digests
+
+
+def _combined(digests: dict[str, bytes]) -> str:
     digest = hashlib.sha256()
-    _hash_value(digest, scene.model_dump(exclude={"base_dir", "warnings", "settings"}))
-    for path in sorted(set(files)):
-        digest.update(hashlib.sha256(path.read_bytes()).digest())
+    _hash_value(digest, {name: value.hex() for name, value in digests.items()})
     return digest.hexdigest()
 
 
