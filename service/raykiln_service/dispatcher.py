@@ -12,6 +12,7 @@ from raykiln_service.attempt import Attempt
 from raykiln_service.events import EventHub
 from raykiln_service.executors.base import Executor
 from raykiln_service.jobs import Job
+from raykiln_service.leases import LeaseWatch
 from raykiln_service.logs import get_logger
 from raykiln_service.metrics import Metrics
 from raykiln_service.rows import StateEvent
@@ -47,16 +48,20 @@ class Dispatcher:
         self._settings = settings
         self._stopping = threading.Event()
         self._wake = threading.Condition()
+        self._signals = 0
         self._threads: list[threading.Thread] = []
         self._log = get_logger()
 
     def start(self) -> None:
         """Take over, and begin to work."""
         alone = self._store.database.is_sqlite
-        taken = self._store.void_leases(owner=self.owner, expired_only=not alone)
-        for job_id in taken:
-            self._log.info("job taken back from an earlier service", job=job_id)
+        self._store.rerank()
+        if alone:
+            for lease in self._store.leases_of_others(self.owner):
+                if self._store.void(lease):
+                    self._log.info("job taken back from an earlier service", job=lease.job_id)
         self._store.listen(self._heard)
+        self._store.listen_to_queue(self._wake_all)
         self._executor.start()
         for slot in range(self._executor.slots):
             self._spawn(self._work, slot)
@@ -66,8 +71,7 @@ class Dispatcher:
     def begin_stop(self) -> None:
         """Claim nothing more; running attempts stop at their next look."""
         self._stopping.set()
-        with self._wake:
-            self._wake.notify_all()
+        self._wake_all()
 
     def finish_stop(self, timeout_s: float) -> None:
         """Wait for the attempts, then end the executor."""
@@ -87,17 +91,23 @@ class Dispatcher:
         self._threads.append(thread)
         thread.start()
 
+    def _wake_all(self) -> None:
+        with self._wake:
+            self._signals += 1
+            self._wake.notify_all()
+
     def _heard(self, event: StateEvent) -> None:
         if event.data["state"] == "queued":
-            with self._wake:
-                self._wake.notify()
+            self._wake_all()
 
     def _work(self, slot: int) -> None:
         while not self._stopping.is_set():
+            # Read before the look, so that a job that comes right after it is not slept over.
+            signals = self._signals
             job = self._claim()
             if job is None:
                 with self._wake:
-                    self._wake.wait(_IDLE_S)
+                    self._wake.wait_for(lambda n=signals: self._signals != n, _IDLE_S)
                 continue
             try:
                 self._attempt(job).run(slot, self._executor)
@@ -125,8 +135,10 @@ class Dispatcher:
         )
 
     def _sweep(self) -> None:
-        while not self._stopping.wait(_SWEEP_S):
+        watch = LeaseWatch(self._store, self._settings.lease_s)
+        while not self._stopping.wait(min(_SWEEP_S, self._settings.lease_s / 4)):
             try:
-                self._store.void_leases(owner=self.owner, expired_only=True)
+                for job_id in watch.sweep(self.owner):
+                    self._log.info("job taken back from a service that is gone", job=job_id)
             except SQLAlchemyError as error:
                 self._log.warning("leases not swept", error=str(error))

@@ -38,6 +38,8 @@ class JobEvent(StrEnum):
 
     CLAIM = "claim"
     """A dispatcher takes it."""
+    ANSWER = "answer"
+    """Its result was there already."""
     SUCCEED = "succeed"
     """Its attempt delivered the whole image."""
     FAIL = "fail"
@@ -55,6 +57,7 @@ _S, _E = JobState, JobEvent
 TRANSITIONS: Mapping[tuple[JobState, JobEvent], JobState] = MappingProxyType(
     {
         (_S.QUEUED, _E.CLAIM): _S.RUNNING,
+        (_S.QUEUED, _E.ANSWER): _S.SUCCEEDED,
         (_S.QUEUED, _E.CANCEL): _S.CANCELLED,
         (_S.RUNNING, _E.SUCCEED): _S.SUCCEEDED,
         (_S.RUNNING, _E.FAIL): _S.FAILED,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Mapping
+import time
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import sqlalchemy as sa
@@ -12,23 +13,31 @@ from raykiln_service.errors import LeaseLostError
 from raykiln_service.jobs import Job, JobEvent, JobState, Lease
 from raykiln_service.rows import dump, job_of
 from raykiln_service.store_base import Change, StoreBase, fence
-from raykiln_service.tables import IS_QUEUED, IS_RUNNING, jobs
+from raykiln_service.tables import IS_QUEUED, IS_RUNNING, jobs, queue
 
 # A job whose every attempt takes the whole service down must end some day; each finished pass
 # starts the count anew.
 MAX_STALLS = 100
+# Longest pause before a lost job is tried again.  A time further ahead was written before the
+# clock was set back, and counts as over.
+MAX_DELAY_S = 300.0
 
 
 class LeaseStore(StoreBase):
     """Jobs as a dispatcher works on them."""
 
     def claim(self, owner: str, lease_s: float) -> Job | None:
-        """Take the first job that is due, with a fresh lease; None if none is."""
+        """Take the first job that is due, with a fresh lease; None if none is, or in a pause."""
         now = self.clock()
+        is_due = sa.or_(
+            jobs.c.not_before_ms <= now,
+            jobs.c.not_before_ms > now + int(MAX_DELAY_S * 1000),
+        )
+        is_paused = sa.exists().where(queue.c.paused_ms.is_not(None))
         query = (
             sa.select(jobs)
-            .where(IS_QUEUED, jobs.c.not_before_ms <= now)
-            .order_by(jobs.c.priority.desc(), jobs.c.seq)
+            .where(IS_QUEUED, is_due, ~is_paused)
+            .order_by(jobs.c.rank_ms, jobs.c.seq)
             .limit(1)
             .with_for_update(skip_locked=True)
         )
@@ -91,7 +100,7 @@ class LeaseStore(StoreBase):
         own_fault
             The render process broke (counts against the attempts), not the service around it.
         delay_s
-            Do not try again before.
+            Do not try again before; at most `MAX_DELAY_S`.
         """
         with self._change() as change:
             job = self._held_job(change.connection, lease)
@@ -102,33 +111,29 @@ class LeaseStore(StoreBase):
                 values["interruptions"] = job.interruptions + 1
             if failures >= job.max_attempts or stalls >= MAX_STALLS:
                 return self._finish(change, job, JobEvent.FAIL, error=error, **values)
-            values["not_before_ms"] = self.clock() + int(delay_s * 1000)
+            values["not_before_ms"] = self.clock() + int(min(delay_s, MAX_DELAY_S) * 1000)
             return self._finish(change, job, JobEvent.LOSE, error=error, **values)
 
     def release(self, lease: Lease) -> JobState:
         """Give a job back unharmed, at an orderly shutdown."""
         return self._end_attempt(lease, JobEvent.LOSE)
 
-    def void_leases(self, *, owner: str, expired_only: bool) -> list[str]:
-        """Take the running jobs of other owners back; returns their ids.
-
-        With `expired_only` only those whose lease is over: other services may share the database.
-        """
+    def leases_of_others(self, owner: str) -> dict[Lease, int]:
+        """The leases of other owners, each with its beat: a number that heartbeats change."""
         query = sa.select(jobs).where(IS_RUNNING, jobs.c.lease_owner != owner)
-        if expired_only:
-            query = query.where(jobs.c.lease_expires_ms < self.clock())
         with self.database.read() as connection:
-            found = [job_of(row) for row in connection.execute(query).mappings()]
-        taken = []
-        for job in found:
-            assert job.lease is not None
-            reason = {"reason": "interrupted", "detail": "the service went away during the render"}
-            try:
-                self.lose(job.lease, reason, own_fault=False)
-            except LeaseLostError:
-                continue
-            taken.append(job.id)
-        return taken
+            rows = connection.execute(query).mappings().all()
+        found = {job_of(row).lease: row["lease_expires_ms"] for row in rows}
+        return {lease: int(beat) for lease, beat in found.items() if lease is not None}
+
+    def void(self, lease: Lease) -> bool:
+        """Take back the job of an owner that is gone; False if its lease is no more."""
+        reason = {"reason": "interrupted", "detail": "the service went away during the render"}
+        try:
+            self.lose(lease, reason, own_fault=False)
+        except LeaseLostError:
+            return False
+        return True
 
     def _end_attempt(self, lease: Lease, event: JobEvent, **values: Any) -> JobState:
         with self._change() as change:
@@ -146,3 +151,35 @@ class LeaseStore(StoreBase):
         if values.get("result") is not None:
             values["result"] = dump(dict(values["result"]))
         return self._move(change, job, event, **values)
+
+
+class LeaseWatch:
+    """Finds leases of other services that nobody keeps alive any more.
+
+    It asks for a beat within `lease_s` of this machine's steady clock, so neither a clock that
+    jumps nor two that differ can take a job from a service that lives.
+    """
+
+    def __init__(
+        self, store: LeaseStore, lease_s: float, steady_s: Callable[[], float] = time.monotonic
+    ) -> None:
+        self._store = store
+        self._lease_s = lease_s
+        self._steady_s = steady_s
+        self._seen: dict[Lease, tuple[int, float]] = {}
+
+    def sweep(self, owner: str) -> list[str]:
+        """Take back the jobs of silent owners; returns their ids."""
+        now = self._steady_s()
+        seen: dict[Lease, tuple[int, float]] = {}
+        taken = []
+        for lease, beat in self._store.leases_of_others(owner).items():
+            last_beat, since = self._seen.get(lease, (None, now))
+            if beat != last_beat:
+                seen[lease] = (beat, now)
+            elif now - since < self._lease_s:
+                seen[lease] = (beat, since)
+            elif self._store.void(lease):
+                taken.append(lease.job_id)
+        self._seen = seen
+        return taken

@@ -23,10 +23,11 @@ from raykiln_service.errors import (
 from raykiln_service.idempotency import IDEMPOTENCY_MS, job_of_key, keep_key, prune_keys
 from raykiln_service.jobs import Job, JobEvent, JobSpec, JobState
 from raykiln_service.leases import LeaseStore
-from raykiln_service.quotas import admit_job
+from raykiln_service.ownership import own_asset, owned_assets
+from raykiln_service.quotas import admit_bytes, admit_job
 from raykiln_service.rows import Asset, StateEvent, asset_of, dump, event_of, job_of
-from raykiln_service.store_base import now_ms
-from raykiln_service.store_queue import QueueStore
+from raykiln_service.store_base import Change, now_ms
+from raykiln_service.store_queue import NO_TRAITS, QueueStore, Traits
 from raykiln_service.tables import IS_QUEUED, assets, events, job_labels, jobs
 
 __all__ = ["IDEMPOTENCY_MS", "Store", "now_ms"]
@@ -37,24 +38,43 @@ class Store(LeaseStore, QueueStore):
 
     # Assets
 
-    def add_asset(self, asset_id: str, size_bytes: int, filename: str | None) -> Asset:
-        """Note an asset; the same id again changes at most its file name."""
+    def add_asset(
+        self, asset_id: str, size_bytes: int, filename: str | None, caller: Caller = LOCAL
+    ) -> Asset:
+        """Note an asset; the same id again changes at most its file name.
+
+        Raises
+        ------
+        QuotaError
+            It is new to the caller, whose uploads would come to too much.
+        """
         insert = self._insert(assets).values(
             id=asset_id, size_bytes=size_bytes, filename=filename, created_ms=self.clock()
         )
         changed = {"filename": sa.func.coalesce(insert.excluded.filename, assets.c.filename)}
         with self.database.write() as connection:
+            if not owned_assets(connection, caller, [asset_id]):
+                admit_bytes(connection, caller, size_bytes)
             connection.execute(insert.on_conflict_do_update(index_elements=["id"], set_=changed))
+            own_asset(connection, caller, asset_id, self.clock())
         return self.asset(asset_id)
 
-    def asset(self, asset_id: str) -> Asset:
-        """One asset; `NotFoundError` if there is none of that id."""
+    def asset(self, asset_id: str, caller: Caller = LOCAL) -> Asset:
+        """One asset; `NotFoundError` if the caller has uploaded none of that id."""
         with self.database.read() as connection:
             query = sa.select(assets).where(assets.c.id == asset_id)
             row = connection.execute(query).mappings().one_or_none()
+            if row is not None and not owned_assets(connection, caller, [asset_id]):
+                row = None
         if row is None:
             raise NotFoundError(f"there is no asset {asset_id!r}")
         return asset_of(row)
+
+    def missing_assets(self, asset_ids: Sequence[str], caller: Caller = LOCAL) -> list[str]:
+        """Those of the ids whose bytes the caller would have to upload, in their order."""
+        with self.database.read() as connection:
+            there = owned_assets(connection, caller, asset_ids)
+        return [asset_id for asset_id in dict.fromkeys(asset_ids) if asset_id not in there]
 
     # Submission
 
@@ -69,6 +89,8 @@ class Store(LeaseStore, QueueStore):
         digest: str = "",
         caller: Caller = LOCAL,
         pixel_samples: int = 0,
+        traits: Traits = NO_TRAITS,
+        answer: Mapping[str, Any] | None = None,
     ) -> tuple[Job, bool]:
         """Put a job into the queue.
 
@@ -81,10 +103,22 @@ class Store(LeaseStore, QueueStore):
             then and False; another digest is an `IdempotencyMismatchError`.
         caller, pixel_samples
             Whose job it is, and what it counts for: `QuotaError` past the caller's limits.
+        traits
+            What its turn and the cache go by.
+        answer
+            The result, if it is there already: the job comes to be and succeeds in one step.
         """
         origin = Origin(caller, key, digest, pixel_samples)
         try:
-            return self._create_job(job_id, spec, max_attempts, max_queued, origin)
+            with self._change() as change:
+                if known := self._replayed(change.connection, origin):
+                    return known, False
+                if answer is None:
+                    self._admit(change.connection, origin, max_queued)
+                self._insert_job(change, job_id, spec, origin, traits, max_attempts)
+                if answer is not None:
+                    self._answer(change, job_id, answer)
+            return self.job(job_id), True
         except sa.exc.IntegrityError:
             # Another process took the key between the look and the insert.
             known = None if key is None else self.replayed(key, digest, caller)
@@ -92,50 +126,55 @@ class Store(LeaseStore, QueueStore):
                 raise
             return known, False
 
-    def _create_job(
+    def _admit(self, connection: sa.Connection, origin: Origin, max_queued: int) -> None:
+        if self._count_queued(connection) >= max_queued:
+            raise QueueFullError(
+                f"{max_queued} jobs are waiting already", headers={"Retry-After": "30"}
+            )
+        admit_job(connection, origin.caller, origin.pixel_samples, self.clock())
+
+    def _insert_job(
         self,
+        change: Change,
         job_id: str,
         spec: JobSpec,
-        max_attempts: int,
-        max_queued: int,
         origin: Origin,
-    ) -> tuple[Job, bool]:
+        traits: Traits,
+        max_attempts: int,
+    ) -> None:
         now = self.clock()
-        with self._change() as change:
-            if known := self._replayed(change.connection, origin):
-                return known, False
-            if self._count_queued(change.connection) >= max_queued:
-                raise QueueFullError(
-                    f"{max_queued} jobs are waiting already", headers={"Retry-After": "30"}
-                )
-            admit_job(change.connection, origin.caller, origin.pixel_samples, now)
-            change.connection.execute(
-                jobs.insert().values(
-                    id=job_id,
-                    owner=origin.caller.owner,
-                    pixel_samples=origin.pixel_samples,
-                    state=JobState.QUEUED,
-                    priority=spec.priority,
-                    scene=dump(dict(spec.scene)),
-                    settings=dump(dict(spec.settings)),
-                    outputs=dump(list(spec.outputs)),
-                    labels=dump(dict(spec.labels)),
-                    warnings=dump(list(spec.warnings)),
-                    asset_id=spec.scene.get("asset"),
-                    created_ms=now,
-                    updated_ms=now,
-                    not_before_ms=now,
-                    attempts=0,
-                    failures=0,
-                    interruptions=0,
-                    stalls=0,
-                    max_attempts=max_attempts,
-                    cancel_requested=0,
-                )
+        counts = ("attempts", "failures", "interruptions", "stalls", "cancel_requested")
+        change.connection.execute(
+            jobs.insert().values(
+                id=job_id,
+                owner=origin.caller.owner,
+                pixel_samples=origin.pixel_samples,
+                state=JobState.QUEUED,
+                priority=spec.priority,
+                scene=dump(dict(spec.scene)),
+                settings=dump(dict(spec.settings)),
+                outputs=dump(list(spec.outputs)),
+                labels=dump(dict(spec.labels)),
+                warnings=dump(list(spec.warnings)),
+                asset_id=spec.scene.get("asset"),
+                created_ms=now,
+                updated_ms=now,
+                not_before_ms=now,
+                max_attempts=max_attempts,
+                scene_key=traits.scene_key,
+                cache_key=traits.cache_key,
+                use_cache=int(traits.use_cache),
+                **dict.fromkeys(counts, 0),
+                **self._place(change.connection, spec.priority),
             )
-            self._add_details(change.connection, job_id, spec, origin)
-            self._note(change, job_id, JobState.QUEUED, 0, None)
-        return self.job(job_id), True
+        )
+        self._add_details(change.connection, job_id, spec, origin)
+        self._note(change, job_id, JobState.QUEUED, 0, None)
+
+    def _answer(self, change: Change, job_id: str, answer: Mapping[str, Any]) -> None:
+        job = self._job(change.connection, job_id)
+        done = {"result": dump(dict(answer)), "started_ms": job.created_ms}
+        self._move(change, job, JobEvent.ANSWER, **done)
 
     def _add_details(
         self, connection: sa.Connection, job_id: str, spec: JobSpec, origin: Origin

@@ -24,6 +24,7 @@ from raykiln_service.rows import StateEvent, dump, job_of
 from raykiln_service.tables import IS_RUNNING, events, jobs
 
 Listener = Callable[[StateEvent], None]
+PRIORITY_STEP_S = 600.0
 
 
 def now_ms() -> int:
@@ -40,16 +41,42 @@ class Change:
 
 
 class StoreBase:
-    """A database, a clock, listeners, and the one statement that changes a job's state."""
+    """A database, a clock, listeners, and the one statement that changes a job's state.
 
-    def __init__(self, database: Database, *, clock: Callable[[], int] = now_ms) -> None:
+    Parameters
+    ----------
+    priority_step_s
+        How much waiting a level of priority is worth.
+    """
+
+    def __init__(
+        self,
+        database: Database,
+        *,
+        clock: Callable[[], int] = now_ms,
+        priority_step_s: float = PRIORITY_STEP_S,
+    ) -> None:
         self.database = database
         self.clock = clock
+        self.priority_step_ms = round(priority_step_s * 1000)
+        self.version = 0
+        """Grows with every change of a job's state or of the queue made here."""
         self._listeners: list[Listener] = []
+        self._queue_listeners: list[Callable[[], None]] = []
 
     def listen(self, listener: Listener) -> None:
         """Call `listener` after each committed change of a state, in the thread that made it."""
         self._listeners.append(listener)
+
+    def listen_to_queue(self, listener: Callable[[], None]) -> None:
+        """Call `listener` after the queue was paused or resumed here."""
+        self._queue_listeners.append(listener)
+
+    def queue_changed(self) -> None:
+        """The queue was paused, resumed or put into another order."""
+        self.version += 1
+        for listener in self._queue_listeners:
+            listener()
 
     def job(self, job_id: str) -> Job:
         """One job; `NotFoundError` if there is none of that id."""
@@ -61,6 +88,7 @@ class StoreBase:
         with self.database.write() as connection:
             change = Change(connection)
             yield change
+        self.version += len(change.events)
         for event in change.events:
             for listener in self._listeners:
                 listener(event)

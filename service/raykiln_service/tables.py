@@ -70,7 +70,6 @@ jobs = Table(
     Column("result", Text),
     Column("queued_ms", BigInt, nullable=False, server_default=text("0")),
     Column("rank_ms", BigInt, nullable=False, server_default=text("0")),
-    Column("work", BigInt),
     Column("scene_key", Text),
     Column("cache_key", Text),
     Column("use_cache", Integer, nullable=False, server_default=text("1")),
@@ -99,6 +98,7 @@ jobs = Table(
     ),
     Index(
         "ix_jobs_queue",
+        "state",
         "rank_ms",
         "seq",
         sqlite_where=text("state = 'queued'"),

@@ -16,6 +16,7 @@ from raykiln_service.jobs import (
 
 LEGAL = {
     ("queued", "claim"): "running",
+    ("queued", "answer"): "succeeded",
     ("queued", "cancel"): "cancelled",
     ("running", "succeed"): "succeeded",
     ("running", "fail"): "failed",

@@ -19,7 +19,6 @@ def upgrade() -> None:
     """Rank what waits as if it had come with this version."""
     for name, kind in (("queued_ms", _BIG), ("rank_ms", _BIG)):
         op.add_column("jobs", sa.Column(name, kind, nullable=False, server_default=sa.text("0")))
-    op.add_column("jobs", sa.Column("work", _BIG))
     op.add_column("jobs", sa.Column("scene_key", sa.Text))
     op.add_column("jobs", sa.Column("cache_key", sa.Text))
     op.add_column(
@@ -32,7 +31,7 @@ def upgrade() -> None:
     op.create_index(
         "ix_jobs_queue",
         "jobs",
-        ["rank_ms", "seq"],
+        ["state", "rank_ms", "seq"],
         sqlite_where=_QUEUED,
         postgresql_where=_QUEUED,
     )
@@ -68,5 +67,5 @@ def downgrade() -> None:
         postgresql_where=_QUEUED,
     )
     op.drop_column("assets", "used_ms")
-    for name in ("use_cache", "cache_key", "scene_key", "work", "rank_ms", "queued_ms"):
+    for name in ("use_cache", "cache_key", "scene_key", "rank_ms", "queued_ms"):
         op.drop_column("jobs", name)
