@@ -147,6 +147,7 @@ def rows(matrix: Any) -> Any:
 
 
 def has_light(scene: Scene) -> bool:
+    """Whether anything in a scene gives light: a light, or a shape that emits."""
     if scene.lights:
         return True
     used = {s.group for s in scene.shapes if isinstance(s, Instance)}

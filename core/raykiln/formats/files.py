@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
@@ -100,10 +101,12 @@ def read_bytes(path: Path, *, limit: int = MAX_FILE_BYTES) -> bytes:
     """The bytes of a file of at most `limit` bytes; a `SceneError` if it cannot be read."""
     try:
         with path.open("rb") as file:
-            size = os.fstat(file.fileno()).st_size
+            status = os.fstat(file.fileno())
+            size = status.st_size
             if size > limit:
                 raise SceneError(f"the file has {size} bytes; the limit is {limit}", file=path)
-            return file.read(limit + 1)
+            # Reading takes as much memory at once as it is told to.
+            return file.read(size if stat.S_ISREG(status.st_mode) else limit + 1)
     except FileNotFoundError:
         raise SceneError("the file does not exist", file=path) from None
     except IsADirectoryError:
