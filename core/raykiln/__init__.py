@@ -12,7 +12,6 @@ from __future__ import annotations
 from raykiln._core import __version__
 from raykiln.bundled import bundled_scenes, load_scene
 from raykiln.compile import PreparedScene, prepare
-from raykiln.compile import PreparedScene, prepare
 from raykiln.errors import ImageError, RaykilnError, RenderError, SceneError, SettingsError
 from raykiln.frames import turntable
 from raykiln.render import Progress, SceneReport, check, render
@@ -65,7 +64,6 @@ __all__ = [
     "PerspectiveCamera",
     "Plastic",
     "PointLight",
-    "PreparedScene",
     "PreparedScene",
     "Principled",
     "Progress",

@@ -157,7 +157,7 @@ def _digests(
     scene: Scene, files: Iterable[Path] = (), only: set[str] | None = None
 ) -> dict[str, bytes]:
     """Hashes of the parts of a scene, so that a change of one does not hash all others again."""
-    unsaid = {"base_dir", "warnings", "settings"}
+    unsaid = {"base_dir", "warnings", "time_range_s", "settings"}
     digests = {}
     for name, value in scene.model_dump(include=only, exclude=unsaid).items():
         digest = hashlib.sha256()
