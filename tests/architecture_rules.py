@@ -65,7 +65,8 @@ PYTHON_ROOMS: dict[str, Room] = {
     ),
     "store": Room(
         {f"raykiln_service.{name}" for name in ("database", "leases", "rows", "store")}
-        | {f"raykiln_service.{name}" for name in ("migrations", "store_base", "store_queue", "tables")},
+        | {f"raykiln_service.{name}" for name in ("migrations", "store_base", "store_queue")}
+        | {f"raykiln_service.{name}" for name in ("tables", "tables_frames", "units")},
         {"jobs"},
     ),
     "assets": Room(

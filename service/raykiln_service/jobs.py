@@ -14,6 +14,8 @@ from enum import StrEnum
 from types import MappingProxyType
 from typing import Any
 
+from raykiln_service.planner import Frame
+
 
 class JobState(StrEnum):
     """Where a job stands."""
@@ -31,6 +33,15 @@ class JobState(StrEnum):
 
 
 FINAL_STATES = frozenset({JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELLED})
+
+
+class FrameState(StrEnum):
+    """Where a frame of a job stands (a queued one may be the one that is being rendered)."""
+
+    QUEUED = "queued"
+    SUCCEEDED = "succeeded"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
 
 
 class JobEvent(StrEnum):
@@ -108,6 +119,10 @@ class JobSpec:
     labels: Mapping[str, str] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     """What the scene check had to say."""
+    frames: Mapping[str, Any] | None = None
+    """Which pictures are asked for, as given; None = one image."""
+    planned: tuple[Frame, ...] = ()
+    """These pictures one by one; given at submission, kept by the store on their own."""
 
 
 @dataclass(frozen=True, slots=True)

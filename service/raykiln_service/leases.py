@@ -12,8 +12,9 @@ import sqlalchemy as sa
 from raykiln_service.errors import LeaseLostError
 from raykiln_service.jobs import Job, JobEvent, JobState, Lease
 from raykiln_service.rows import dump, job_of
-from raykiln_service.store_base import Change, StoreBase, fence
+from raykiln_service.store_base import Change, fence
 from raykiln_service.tables import IS_QUEUED, IS_RUNNING, jobs, queue
+from raykiln_service.units import UnitStore, unfinished_frames
 
 # A job whose every attempt takes the whole service down must end some day; each finished pass
 # starts the count anew.
@@ -23,7 +24,7 @@ MAX_STALLS = 100
 MAX_DELAY_S = 300.0
 
 
-class LeaseStore(StoreBase):
+class LeaseStore(UnitStore):
     """Jobs as a dispatcher works on them."""
 
     def claim(self, owner: str, lease_s: float) -> Job | None:
@@ -84,9 +85,11 @@ class LeaseStore(StoreBase):
         """Commit the end that was asked for, with the partial image if there is one."""
         return self._end_attempt(lease, JobEvent.CANCEL, result=result)
 
-    def fail(self, lease: Lease, error: Mapping[str, Any]) -> JobState:
-        """Commit that the job cannot be rendered."""
-        return self._end_attempt(lease, JobEvent.FAIL, error=error)
+    def fail(
+        self, lease: Lease, error: Mapping[str, Any], result: Mapping[str, Any] | None = None
+    ) -> JobState:
+        """Commit that the job cannot be rendered, with what there is of it all the same."""
+        return self._end_attempt(lease, JobEvent.FAIL, error=error, result=result)
 
     def lose(
         self, lease: Lease, error: Mapping[str, Any], *, own_fault: bool, delay_s: float = 0.0
@@ -114,9 +117,10 @@ class LeaseStore(StoreBase):
             values["not_before_ms"] = self.clock() + int(min(delay_s, MAX_DELAY_S) * 1000)
             return self._finish(change, job, JobEvent.LOSE, error=error, **values)
 
-    def release(self, lease: Lease) -> JobState:
-        """Give a job back unharmed, at an orderly shutdown."""
-        return self._end_attempt(lease, JobEvent.LOSE)
+    def release(self, lease: Lease, *, delay_s: float = 0.0) -> JobState:
+        """Give a job back unharmed: at an orderly shutdown, or to try a frame of it again later."""
+        due_ms = self.clock() + int(min(delay_s, MAX_DELAY_S) * 1000)
+        return self._end_attempt(lease, JobEvent.LOSE, not_before_ms=due_ms)
 
     def leases_of_others(self, owner: str) -> dict[Lease, int]:
         """The leases of other owners, each with its beat: a number that heartbeats change."""
@@ -146,6 +150,8 @@ class LeaseStore(StoreBase):
         # A cancel that was accepted wins over every other end of the attempt.
         if job.cancel_requested:
             event = JobEvent.CANCEL
+        if event is JobEvent.SUCCEED and unfinished_frames(change.connection, job.id):
+            raise AssertionError(f"job {job.id} has frames that did not succeed")
         if event is JobEvent.FAIL:
             values["error"] = dump(dict(error))
         if values.get("result") is not None:

@@ -46,6 +46,7 @@ def job_of(row: RowMapping) -> Job:
         priority=row["priority"],
         labels=json.loads(row["labels"]),
         warnings=tuple(json.loads(row["warnings"])),
+        frames=_load(row["frames"]),
     )
     token = row["lease_token"]
     same = ("id", "seq", "created_ms", "updated_ms", "started_ms", "finished_ms", "attempts")

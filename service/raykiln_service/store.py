@@ -29,6 +29,7 @@ from raykiln_service.rows import Asset, StateEvent, asset_of, dump, event_of, jo
 from raykiln_service.store_base import Change, now_ms
 from raykiln_service.store_queue import NO_TRAITS, QueueStore, Traits
 from raykiln_service.tables import IS_QUEUED, assets, events, job_labels, jobs
+from raykiln_service.units import add_frames, reset_frames
 
 __all__ = ["IDEMPOTENCY_MS", "Store", "now_ms"]
 
@@ -156,6 +157,7 @@ class Store(LeaseStore, QueueStore):
                 outputs=dump(list(spec.outputs)),
                 labels=dump(dict(spec.labels)),
                 warnings=dump(list(spec.warnings)),
+                frames=None if spec.frames is None else dump(dict(spec.frames)),
                 asset_id=spec.scene.get("asset"),
                 created_ms=now,
                 updated_ms=now,
@@ -179,6 +181,7 @@ class Store(LeaseStore, QueueStore):
     def _add_details(
         self, connection: sa.Connection, job_id: str, spec: JobSpec, origin: Origin
     ) -> None:
+        add_frames(connection, job_id, spec.planned, self.clock())
         if spec.labels:
             rows = [{"job_id": job_id, "key": k, "value": v} for k, v in spec.labels.items()]
             connection.execute(job_labels.insert(), rows)
@@ -313,6 +316,7 @@ class Store(LeaseStore, QueueStore):
         with self._change() as change:
             job = self._locked_job(change.connection, job_id)
             self._allowed(job, JobEvent.RETRY)
+            reset_frames(change.connection, job_id)
             fresh = {"failures": 0, "stalls": 0, "cancel_requested": 0, "not_before_ms": 0}
             fresh |= self._place(change.connection, job.spec.priority)
             self._move(change, job, JobEvent.RETRY, error=None, result=None, **fresh)

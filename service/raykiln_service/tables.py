@@ -68,6 +68,7 @@ jobs = Table(
     Column("progress", Text),
     Column("error", Text),
     Column("result", Text),
+    Column("frames", Text),
     Column("queued_ms", BigInt, nullable=False, server_default=text("0")),
     Column("rank_ms", BigInt, nullable=False, server_default=text("0")),
     Column("scene_key", Text),
