@@ -60,20 +60,26 @@ PYTHON_ROOMS: dict[str, Room] = {
     "renderer": Room({"raykiln"}, _CORE),
     "jobs": Room(
         {f"raykiln_service.{name}" for name in ("errors", "files", "jobs", "logs", "planner")}
+        | {"raykiln_service.access"}
         | {"raykiln_service", "raykiln_service.settings"},
         set(),
     ),
     "store": Room(
         {f"raykiln_service.{name}" for name in ("database", "leases", "rows", "store")}
+        | {f"raykiln_service.{name}" for name in ("beside", "idempotency", "ownership", "quotas")}
+        | {f"raykiln_service.{name}" for name in ("tables_access", "tokens")}
         | {f"raykiln_service.{name}" for name in ("migrations", "store_base", "store_queue")}
         | {f"raykiln_service.{name}" for name in ("tables", "tables_frames", "units")},
         {"jobs"},
     ),
     "assets": Room(
-        {"raykiln_service.assets", "raykiln_service.bundles"},
+        {f"raykiln_service.{name}" for name in ("assets", "bundles", "cache", "retention", "uploads")},
         {"jobs", "store", "renderer", "formats"},
     ),
-    "events": Room({"raykiln_service.events", "raykiln_service.metrics"}, {"jobs", "store"}),
+    "events": Room(
+        {f"raykiln_service.{name}" for name in ("events", "metrics", "queueing")},
+        {"jobs", "store"},
+    ),
     "executors": Room(
         {"raykiln_service.executors"}, {"jobs", "assets", "renderer", "scene", "image"}
     ),
@@ -93,7 +99,7 @@ PYTHON_ROOMS: dict[str, Room] = {
     "client": Room({"raykiln_service.client"}, {"jobs", "formats"}),
     "commands": Room(
         {"raykiln_service.cli", "raykiln_service.commands"},
-        {"jobs", "client", "app", "renderer", "scene", "image"},
+        {"jobs", "store", "client", "app", "renderer", "scene", "image"},
     ),
 }
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import raykiln as rk
 import uvicorn
-from fastapi import FastAPI, Request, Response
+from fastapi import Depends, FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from fastapi.openapi.utils import get_openapi
 from raykiln.errors import pointer_of, shorten
@@ -33,7 +33,8 @@ from raykiln_service.errors import (
 )
 from raykiln_service.middleware import Guard, problem_reply
 from raykiln_service.protocol import patient_protocol
-from raykiln_service.routes import about, assets, events, jobs, outputs
+from raykiln_service.routes import about, assets, events, jobs, outputs, queue
+from raykiln_service.routes.access import authorize
 from raykiln_service.service import Service
 from raykiln_service.settings import ServiceSettings
 
@@ -59,11 +60,12 @@ def create_app(service: Service) -> FastAPI:
         redoc_url=None,
     )
     app.state.context = service.context
-    for part in (jobs, events, outputs, assets, about):
-        app.include_router(part.router)
-    app.include_router(events.feed_router)
+    may = [Depends(authorize)]
+    for part in (jobs, events, outputs, assets, queue, about):
+        app.include_router(part.router, dependencies=may)
+    app.include_router(events.feed_router, dependencies=may)
     _add_error_handlers(app)
-    app.add_middleware(Guard, settings=service.settings)
+    app.add_middleware(Guard, settings=service.settings, tokens=service.tokens)
     app.openapi = lambda: _openapi(app)  # type: ignore[method-assign]
     return app
 
@@ -79,10 +81,14 @@ def serve(settings: ServiceSettings) -> None:
         A used port, a data folder in use, no token for a public address.
     """
     logs.configure(settings.log_format)
-    settings.check_exposure()
     listener = _bind(settings.host, settings.port)
     with listener:
         service = Service(settings)
+        try:
+            settings.check_exposure(service.tokens.any_active())
+        except StartupError:
+            service.close()
+            raise
         config = uvicorn.Config(
             create_app(service),
             http=patient_protocol(settings.request_timeout_s),

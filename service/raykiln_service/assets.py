@@ -31,6 +31,7 @@ from typing import Any, BinaryIO
 import raykiln as rk
 from raykiln.formats import READERS
 
+from raykiln_service.access import LOCAL, Caller
 from raykiln_service.bundles import BundleLimits, is_zip, unpack
 from raykiln_service.errors import (
     InvalidAssetError,
@@ -57,8 +58,9 @@ class SceneFile:
 class Upload:
     """An upload under way; nothing is kept unless `finish` is called."""
 
-    def __init__(self, store: AssetStore, limit_bytes: int) -> None:
+    def __init__(self, store: AssetStore, limit_bytes: int, caller: Caller = LOCAL) -> None:
         self._store = store
+        self._caller = caller
         self._limit = limit_bytes
         self._path = store.tmp / f"upload-{secrets.token_hex(8)}"
         self._file: BinaryIO = self._path.open("xb")
@@ -82,6 +84,7 @@ class Upload:
         os.fsync(self._file.fileno())
         self._file.close()
         digest = self._hash.hexdigest()
+        self._store.store.check_room(self._caller, self._size, f"sha256:{digest}")
         place = self._store.path_of(f"sha256:{digest}")
         if not place.exists():
             if not place.parent.exists():
@@ -90,7 +93,7 @@ class Upload:
             self._path.chmod(0o444)
             self._path.replace(place)
             sync_dir(place.parent)
-        return self._store.store.add_asset(f"sha256:{digest}", self._size, name)
+        return self._store.store.add_asset(f"sha256:{digest}", self._size, name, self._caller)
 
     def close(self) -> None:
         """Drop what was not kept."""
@@ -129,9 +132,9 @@ class AssetStore:
         digest = asset_id.removeprefix("sha256:")
         return self.root / "assets" / digest[:2] / digest[2:]
 
-    def upload(self, limit_bytes: int) -> Upload:
+    def upload(self, limit_bytes: int, caller: Caller = LOCAL) -> Upload:
         """Begin an upload of at most so many bytes."""
-        return Upload(self, limit_bytes)
+        return Upload(self, limit_bytes, caller)
 
     def keep_inline(self, job_id: str, scene: Mapping[str, Any]) -> None:
         """Write the inline scene of a new job."""
@@ -140,7 +143,7 @@ class AssetStore:
         write_durably(folder / "scene.json", json.dumps(scene).encode())
         sync_dir(folder.parent)
 
-    def resolve(self, scene: Mapping[str, Any]) -> dict[str, Any]:
+    def resolve(self, scene: Mapping[str, Any], caller: Caller = LOCAL) -> dict[str, Any]:
         """What a job keeps of a named or uploaded scene: the asset's entry is filled in."""
         if "name" in scene:
             names = rk.bundled_scenes()
@@ -153,7 +156,7 @@ class AssetStore:
                 )
             return {"name": scene["name"]}
         try:
-            asset = self.store.asset(scene["asset"])
+            asset = self.store.asset(scene["asset"], caller)
         except NotFoundError as error:
             raise InvalidSceneError(
                 error.detail, pointer="/scene/asset", accepted="the id that an upload answered"

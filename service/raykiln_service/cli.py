@@ -11,7 +11,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from raykiln_service.commands import batch, compare, remote, render, scenes, serve, watch
+from raykiln_service.commands import batch, compare, remote, render, scenes, serve, token, watch
 from raykiln_service.commands.console import CommandError, ExitCode, print_error
 
 app = typer.Typer(
@@ -34,6 +34,7 @@ app.command()(remote.status)
 app.command()(watch.watch)
 app.command()(remote.download)
 app.command()(remote.cancel)
+app.add_typer(token.app, name="token")
 
 
 def _print_version(wanted: bool) -> None:

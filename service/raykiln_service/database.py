@@ -2,19 +2,22 @@
 
 SQLite 3.7.0 to 3.51.2 (but not 3.50.7 and later 3.50, nor 3.44.6 and later 3.44) can lose a
 write-ahead log that several connections write or checkpoint at the same time.  Debian 12 links
-3.40.1, so this module keeps to what is safe with every version: one process (the data folder is
-locked), and in it one connection that writes and checkpoints.  The other connections are
-`query_only`, never checkpoint, and are closed first.
+3.40.1, so this module keeps to what is safe with every version: one connection at a time writes
+and checkpoints.  A process has one such connection; its other ones are `query_only`, never
+checkpoint, and are closed first.  The service and a command beside it (`raykiln token`) take turns
+by a lock on a file beside the database.
 """
 
 from __future__ import annotations
 
+import fcntl
 import sqlite3
 import threading
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from alembic import command
 from alembic.config import Config
@@ -26,6 +29,7 @@ from sqlalchemy.pool import QueuePool, StaticPool
 from raykiln_service.errors import StartupError
 
 _BUSY_TIMEOUT_S = 10.0
+_TURN_POLL_S = 0.005
 
 
 def has_wal_reset_bug(version: tuple[int, ...]) -> bool:
@@ -48,6 +52,7 @@ class Database:
         except (ArgumentError, NoSuchModuleError, ImportError) as error:
             raise StartupError(f"the database URL cannot be used: {error}") from None
         self._write_lock = threading.RLock()
+        self._turn = _Turn(self.url.database) if self.is_sqlite else None
 
     @staticmethod
     def sqlite_url(path: Path) -> str:
@@ -75,7 +80,8 @@ class Database:
             with self._writer.begin() as connection:
                 yield connection
             return
-        with self._write_lock, self._writer.begin() as connection:
+        assert self._turn is not None
+        with self._write_lock, self._turn.taken(), self._writer.begin() as connection:
             yield connection
 
     @contextmanager
@@ -100,7 +106,49 @@ class Database:
     def close(self) -> None:
         """Close all connections, the writer last: it makes the final checkpoint."""
         self._reader.dispose()
-        self._writer.dispose()
+        if self._turn is None:
+            self._writer.dispose()
+            return
+        # Without a turn the log stays as it is, and the next service reads it.
+        with suppress(OperationalError), self._write_lock, self._turn.taken():
+            self._writer.dispose()
+
+
+class _Turn:
+    """Keeps other processes from writing to an SQLite file meanwhile."""
+
+    def __init__(self, database: str | None) -> None:
+        self._path = None if database in (None, "", ":memory:") else f"{database}-turn"
+
+    @contextmanager
+    def taken(self) -> Iterator[None]:
+        """While this lasts, no other process has its turn; `OperationalError` if none ends."""
+        if self._path is None:
+            yield
+            return
+        with _opened(self._path) as file:
+            deadline = time.monotonic() + _BUSY_TIMEOUT_S
+            while not self._try(file):
+                if time.monotonic() > deadline:
+                    error = TimeoutError("database is locked by another process")
+                    raise OperationalError(None, None, error)
+                time.sleep(_TURN_POLL_S)
+            yield
+
+    @staticmethod
+    def _try(file: BinaryIO) -> bool:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return False
+        return True
+
+
+def _opened(path: str) -> BinaryIO:
+    try:
+        return Path(path).open("ab")
+    except OSError as error:
+        raise OperationalError(None, None, error) from None
 
 
 _WRITER_PRAGMAS = (

@@ -7,10 +7,12 @@ import hmac
 import time
 from urllib.parse import urlsplit
 
+from starlette.concurrency import run_in_threadpool
 from starlette.datastructures import Headers
 from starlette.responses import JSONResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from raykiln_service.access import LOCAL, NOBODY, STATIC, Caller
 from raykiln_service.errors import (
     ForbiddenError,
     RequestTimeoutError,
@@ -18,11 +20,14 @@ from raykiln_service.errors import (
     TooLargeError,
     UnauthorizedError,
 )
+from raykiln_service.quotas import RateLimiter
+from raykiln_service.routes.access import is_open
 from raykiln_service.settings import ServiceSettings
+from raykiln_service.tokens import TokenStore, is_well_formed
 
-_OPEN_PATHS = frozenset({"/", "/healthz", "/readyz", "/docs", "/openapi.json"})
 _MIN_BYTES_PER_S = 16_384
 _LOOPBACK_NAMES = frozenset({"localhost", "127.0.0.1", "[::1]", "::1"})
+_MAX_TOKEN = 4096
 
 
 def problem_reply(error: ServiceError) -> JSONResponse:
@@ -36,12 +41,14 @@ def problem_reply(error: ServiceError) -> JSONResponse:
 
 
 class Guard:
-    """Refuses requests without the token, from foreign pages, or that are too large or slow."""
+    """Says who asks, and refuses requests from foreign pages, or too many, large or slow ones."""
 
-    def __init__(self, app: ASGIApp, settings: ServiceSettings) -> None:
+    def __init__(self, app: ASGIApp, settings: ServiceSettings, tokens: TokenStore) -> None:
         self._app = app
         self._settings = settings
-        self._token = None if settings.token is None else settings.token.get_secret_value()
+        self._tokens = tokens
+        self._rates = RateLimiter()
+        self._static = None if settings.token is None else settings.token.get_secret_value()
         self._hosts = _LOOPBACK_NAMES | set(settings.allowed_hosts) | {settings.host}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -52,37 +59,51 @@ class Guard:
         headers = Headers(scope=scope)
         limit = self._limit_bytes(scope["path"])
         try:
-            self._check_token(scope["path"], headers)
-            self._check_origin(headers)
+            caller = await self._caller(scope["path"], headers)
+            self._rates.check(caller)
+            if caller in (LOCAL, NOBODY):
+                self._check_origin(headers)
             _check_length(headers, limit)
         except ServiceError as error:
             await problem_reply(error)(scope, receive, send)
             return
+        scope.setdefault("state", {})["caller"] = caller
         body = _Body(receive, limit, self._settings.request_timeout_s)
         await self._app(scope, body.receive, send)
 
     def _limit_bytes(self, path: str) -> int:
         settings = self._settings
         # A form adds its own lines to the file in it; the upload counts the file's bytes.
-        return (
-            settings.max_asset_bytes + (1 << 16)
-            if path == "/v1/assets"
-            else (settings.max_json_bytes)
-        )
+        if path == "/v1/assets" or path.startswith("/v1/uploads"):
+            return settings.max_asset_bytes + (1 << 16)
+        return settings.max_json_bytes
 
-    def _check_token(self, path: str, headers: Headers) -> None:
-        if self._token is None or path in _OPEN_PATHS or path.startswith("/web/"):
-            return
-        scheme, _, given = headers.get("authorization", "").partition(" ")
-        if scheme.lower() != "bearer" or not hmac.compare_digest(
-            given.strip().encode(), self._token.encode()
-        ):
+    async def _caller(self, path: str, headers: Headers) -> Caller:
+        given = headers.getlist("authorization")
+        if not given or is_open(path):
+            if not self._settings.asks_for_token:
+                return LOCAL
+            if is_open(path):
+                return NOBODY
             raise UnauthorizedError
+        scheme, _, text = given[0].partition(" ")
+        text = text.strip()
+        if len(given) > 1 or scheme.lower() != "bearer" or not 0 < len(text) <= _MAX_TOKEN:
+            raise UnauthorizedError("the Authorization header is not 'Bearer TOKEN'")
+        if self._static is not None and hmac.compare_digest(text.encode(), self._static.encode()):
+            return STATIC
+        # The checksum sorts out what cannot be a token before the database is asked.
+        caller = self._tokens.recall(text)
+        if caller is None and is_well_formed(text):
+            caller = await run_in_threadpool(self._tokens.find, text)
+        if caller is None:
+            raise UnauthorizedError("the token is not known here, has expired or was revoked")
+        return caller
 
     def _check_origin(self, headers: Headers) -> None:
         # Without a token a web page elsewhere must not reach a service on this machine, neither
         # by a name that it points here nor by a request across sites.
-        if self._token is not None or not self._settings.is_loopback:
+        if self._settings.asks_for_token or not self._settings.is_loopback:
             return
         host = headers.get("host", "")
         name = host.rsplit(":", 1)[0] if not host.endswith("]") else host
@@ -103,7 +124,11 @@ def _check_length(headers: Headers, limit: int) -> None:
 
 
 class _Body:
-    """Counts and times a request's body while it arrives."""
+    """Counts and times a request's body while it arrives.
+
+    A body may neither be silent for `timeout_s`, nor take longer than that in all but for the
+    time that its length allows at `_MIN_BYTES_PER_S`.
+    """
 
     def __init__(self, receive: Receive, limit: int, timeout_s: float) -> None:
         self._receive = receive
@@ -119,11 +144,11 @@ class _Body:
             return await self._receive()
         try:
             left_s = max(0.0, self._deadline - time.monotonic())
-            message = await asyncio.wait_for(self._receive(), left_s)
+            message = await asyncio.wait_for(self._receive(), min(left_s, self._timeout_s))
         except TimeoutError:
             raise RequestTimeoutError(
-                f"a body that takes longer than {self._timeout_s:g} s must come with at least "
-                f"{_MIN_BYTES_PER_S} bytes a second",
+                f"a body must not be silent for {self._timeout_s:g} s, and one that takes longer "
+                f"must come with at least {_MIN_BYTES_PER_S} bytes a second",
                 headers={"Connection": "close"},
             ) from None
         if message["type"] == "http.request":

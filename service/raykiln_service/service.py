@@ -19,10 +19,12 @@ from raykiln_service.executors.checks import CheckPool
 from raykiln_service.executors.local import LocalExecutor
 from raykiln_service.logs import get_logger
 from raykiln_service.metrics import Metrics
+from raykiln_service.queueing import QueueWatch
 from raykiln_service.routes.context import Context
 from raykiln_service.settings import ServiceSettings
 from raykiln_service.store import Store
 from raykiln_service.submission import Submissions
+from raykiln_service.tokens import TokenStore
 
 _STOP_S = 4.0
 
@@ -39,7 +41,8 @@ class Service:
         url = settings.database_url or Database.sqlite_url(settings.data_dir / "raykiln.db")
         self.database = Database(url)
         self.database.migrate()
-        self.store = Store(self.database)
+        self.store = Store(self.database, priority_step_s=settings.priority_step_s)
+        self.tokens = TokenStore(self.database, settings.token_limits)
         limits = BundleLimits(
             settings.max_bundle_bytes, settings.max_bundle_entries, settings.max_bundle_ratio
         )
@@ -62,6 +65,7 @@ class Service:
             hub=self.hub,
             metrics=self.metrics,
             submissions=Submissions(self.store, self.assets, self.checks, settings),
+            queue=QueueWatch(self.store, self.hub, settings.slots),
             readiness=self.readiness,
         )
 

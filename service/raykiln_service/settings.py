@@ -9,9 +9,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, SecretStr, ValidationError
 
+from raykiln_service.access import Limits
 from raykiln_service.errors import StartupError
 
 _GIB = 1 << 30
+# A pause that is longer was written by a clock that was ahead.
+MAX_DELAY_S = 300.0
 
 
 class ServiceSettings(BaseModel):
@@ -32,9 +35,21 @@ class ServiceSettings(BaseModel):
     executor: Literal["local"] = "local"
     """Where units are rendered: supervised child processes of this machine."""
     token: SecretStr | None = None
-    """Bearer token that every call must carry."""
+    """Bearer token that may do everything; `raykiln token` makes those that may do less."""
+    require_token: bool = False
+    """Ask for a token on a loopback address too (behind a proxy that lets others in)."""
     insecure: bool = False
     """Allow an address that is not loopback without a token."""
+    token_queued_jobs: Annotated[int, Field(ge=1)] | None = 10_000
+    """Jobs of one token that may wait or run, unless the token has a limit of its own."""
+    token_stored_bytes: Annotated[int, Field(ge=1)] | None = 100 * _GIB
+    """Bytes of uploads of one token."""
+    token_queued_samples: Annotated[int, Field(ge=1)] | None = 10**13
+    """Pixel samples of one token's jobs that wait or run."""
+    token_samples_per_day: Annotated[int, Field(ge=1)] | None = 10**14
+    """Pixel samples that one token may submit in 24 hours."""
+    token_requests_per_minute: Annotated[int, Field(ge=1)] | None = 6_000
+    """Requests of one token."""
     allowed_hosts: tuple[str, ...] = ()
     """Further names by which a loopback service without a token may be called (its own proxy)."""
     max_json_bytes: Annotated[int, Field(ge=1)] = 64 << 20
@@ -47,12 +62,34 @@ class ServiceSettings(BaseModel):
     """Most files in a zip bundle."""
     max_bundle_ratio: Annotated[float, Field(ge=1)] = 200.0
     """Largest unpacked size of a bundle's file over its packed size."""
+    upload_expiry_s: Annotated[float, Field(gt=0)] = 24 * 3600.0
+    """An unfinished resumable upload is dropped when nothing has come for so long."""
+    max_connections: Annotated[int, Field(ge=1)] = 4096
+    """Connections at a time; more are answered with 503."""
     request_timeout_s: Annotated[float, Field(gt=0)] = 30.0
     """Time for a request to arrive; long bodies get more, by their length."""
     check_timeout_s: Annotated[float, Field(gt=0)] = 120.0
     """Longest check of a submitted scene."""
     check_memory_bytes: Annotated[int, Field(ge=1 << 28)] = 16 * _GIB
     """Address space of a scene check."""
+    priority_step_s: Annotated[float, Field(ge=0, le=1e6)] = 600.0
+    """Waiting that one level of priority is worth; nothing waits for ever."""
+    retry_delay_s: Annotated[float, Field(ge=0)] = 1.0
+    """Pause after the first lost attempt of a job; each further one doubles it."""
+    retry_delay_max_s: Annotated[float, Field(ge=0, le=MAX_DELAY_S)] = 60.0
+    """Longest such pause."""
+    result_cache: bool = True
+    """Answer a job with the result of an identical one, if it is there."""
+    keep_results_s: Annotated[float, Field(ge=0)] | None = None
+    """Ended jobs are removed with their results after this time; None = never."""
+    keep_assets_s: Annotated[float, Field(ge=0)] | None = None
+    """Uploads that no job refers to are removed this long after their last use; None = never."""
+    max_results_bytes: Annotated[int, Field(ge=0)] | None = None
+    """Size of all jobs' folders past which the oldest ended jobs are removed; None = no limit."""
+    max_assets_bytes: Annotated[int, Field(ge=0)] | None = None
+    """Size of all uploads past which those without a job are removed; None = no limit."""
+    gc_interval_s: Annotated[float, Field(gt=0)] = 600.0
+    """Time between clean-ups."""
     max_queued: Annotated[int, Field(ge=1)] = 100_000
     """Jobs that may wait; more are answered with 429."""
     max_attempts: Annotated[int, Field(ge=1, le=100)] = 3
@@ -86,6 +123,10 @@ class ServiceSettings(BaseModel):
             shown = "" if name == "token" else f" (found {first.get('input')!r})"
             raise StartupError(f"{name}: {first['msg']}{shown}") from None
 
+    def retry_pause_s(self, failures: int) -> float:
+        """How long a job waits that was lost after `failures` earlier failures."""
+        return min(self.retry_delay_max_s, self.retry_delay_s * 2.0 ** min(failures, 60))
+
     @property
     def is_loopback(self) -> bool:
         """Whether only this machine can reach the address."""
@@ -96,11 +137,40 @@ class ServiceSettings(BaseModel):
         except ValueError:
             return False
 
-    def check_exposure(self) -> None:
-        """Refuse to listen for others without a token."""
-        if self.is_loopback or self.token is not None or self.insecure:
+    @property
+    def token_limits(self) -> Limits:
+        """The limits of tokens that have none of their own."""
+        return Limits(
+            queued_jobs=self.token_queued_jobs,
+            stored_bytes=self.token_stored_bytes,
+            queued_samples=self.token_queued_samples,
+            samples_per_day=self.token_samples_per_day,
+            requests_per_minute=self.token_requests_per_minute,
+        )
+
+    @property
+    def asks_for_token(self) -> bool:
+        """Whether a call without a token is refused."""
+        if self.token is not None or self.require_token:
+            return True
+        return not self.is_loopback and not self.insecure
+
+    def check_exposure(self, has_tokens: bool = False) -> None:
+        """Refuse to listen where every call would be refused.
+
+        Parameters
+        ----------
+        has_tokens
+            Whether the database has a token that would be let in.
+        """
+        if not self.asks_for_token or self.token is not None or has_tokens:
             return
+        why = (
+            f"host {self.host} can be reached from other machines, so a token is required"
+            if not self.require_token
+            else "a token is required, and there is none"
+        )
         raise StartupError(
-            f"host {self.host} can be reached from other machines, so a token is required: "
-            "set RAYKILN_TOKEN (or allow it with --insecure)"
+            f"{why}: make one with 'raykiln token create', or set RAYKILN_TOKEN "
+            "(or allow calls without one by --insecure)"
         )

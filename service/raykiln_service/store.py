@@ -71,6 +71,12 @@ class Store(LeaseStore, QueueStore):
             raise NotFoundError(f"there is no asset {asset_id!r}")
         return asset_of(row)
 
+    def check_room(self, caller: Caller, size_bytes: int, asset_id: str | None = None) -> None:
+        """`QuotaError` if an upload of this size is too much for the caller."""
+        with self.database.read() as connection:
+            if asset_id is None or not owned_assets(connection, caller, [asset_id]):
+                admit_bytes(connection, caller, size_bytes)
+
     def missing_assets(self, asset_ids: Sequence[str], caller: Caller = LOCAL) -> list[str]:
         """Those of the ids whose bytes the caller would have to upload, in their order."""
         with self.database.read() as connection:
@@ -163,6 +169,7 @@ class Store(LeaseStore, QueueStore):
                 updated_ms=now,
                 not_before_ms=now,
                 max_attempts=max_attempts,
+                limit_ms=traits.limit_ms,
                 scene_key=traits.scene_key,
                 cache_key=traits.cache_key,
                 use_cache=int(traits.use_cache),

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any, Protocol
 
 from pydantic import ValidationError
 from raykiln.errors import SettingsError, pointer_of, shorten
 from raykiln.settings import RenderSettings
 
+from raykiln_service.access import LOCAL, Caller, Origin
 from raykiln_service.assets import AssetStore, SceneFile
-from raykiln_service.errors import InvalidRequestError, InvalidSettingsError
+from raykiln_service.errors import (
+    IdempotencyInFlightError,
+    InvalidRequestError,
+    InvalidSettingsError,
+)
 from raykiln_service.files import remove_tree
 from raykiln_service.jobs import Job, JobSpec, new_job_id
 from raykiln_service.rows import dump
@@ -37,8 +44,12 @@ class Submissions:
         self._assets = assets
         self._checker = checker
         self._settings = settings
+        self._lock = threading.Lock()
+        self._in_flight: set[tuple[str | None, str]] = set()
 
-    def submit(self, body: Any, key: str | None) -> tuple[Job, bool]:
+    def submit(
+        self, body: Any, key: str | None, caller: Caller = LOCAL
+    ) -> tuple[Job, bool]:
         """Check a request and queue its job.
 
         Parameters
@@ -47,6 +58,8 @@ class Submissions:
             The decoded JSON.
         key
             The `Idempotency-Key`, if one came.
+        caller
+            Whose job it will be.
 
         Returns
         -------
@@ -54,35 +67,63 @@ class Submissions:
         """
         request = parse_request(body)
         digest = hashlib.sha256(dump(body).encode()).hexdigest()
-        if key is not None and (known := self._store.replayed(key, digest)) is not None:
-            return known, False
+        with self._alone(caller, key):
+            if key is not None and (known := self._store.replayed(key, digest, caller)) is not None:
+                return known, False
+            return self._create(request, Origin(caller, key, digest))
+
+    def _create(self, request: JobRequest, origin: Origin) -> tuple[Job, bool]:
         job_id = new_job_id()
         created = False
         try:
-            spec = self._checked(job_id, request)
+            spec, samples = self._checked(job_id, request, origin.caller)
             job, created = self._store.create_job(
                 job_id,
                 spec,
                 max_attempts=self._settings.max_attempts,
                 max_queued=self._settings.max_queued,
-                key=key,
-                digest=digest,
+                key=origin.key,
+                digest=origin.digest,
+                caller=origin.caller,
+                pixel_samples=samples,
             )
         finally:
             if not created:
                 remove_tree(self._assets.job_dir(job_id))
         return job, created
 
-    def _checked(self, job_id: str, request: JobRequest) -> JobSpec:
+    @contextmanager
+    def _alone(self, caller: Caller, key: str | None) -> Iterator[None]:
+        """Refuse a second request with the same key while the first is being checked."""
+        if key is None:
+            yield
+            return
+        place = (caller.owner, key)
+        with self._lock:
+            if place in self._in_flight:
+                raise IdempotencyInFlightError(
+                    f"a request with Idempotency-Key {key!r} is being worked on; ask again soon",
+                    headers={"Retry-After": "1"},
+                )
+            self._in_flight.add(place)
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._in_flight.discard(place)
+
+    def _checked(
+        self, job_id: str, request: JobRequest, caller: Caller
+    ) -> tuple[JobSpec, int]:
         if request.scene.inline is not None:
             self._assets.keep_inline(job_id, request.scene.inline)
             scene: dict[str, Any] = {"inline": True}
         else:
-            scene = self._assets.resolve(request.scene.model_dump(exclude_none=True))
+            scene = self._assets.resolve(request.scene.model_dump(exclude_none=True), caller)
         place = self._assets.locate(job_id, scene)
         report = self._checker.check(place, None if "inline" in scene else dump(scene))
-        _check_settings(request.settings, report)
-        return JobSpec(
+        resolved = _check_settings(request.settings, report)
+        spec = JobSpec(
             scene=scene,
             settings=request.settings.model_dump(mode="json", exclude_unset=True),
             outputs=tuple(dict.fromkeys(request.outputs)),
@@ -90,6 +131,13 @@ class Submissions:
             labels=request.labels,
             warnings=tuple(report["warnings"]),
         )
+        return spec, pixel_samples_of(resolved)
+
+
+def pixel_samples_of(settings: RenderSettings) -> int:
+    """The pixel samples that one image of these settings takes at most."""
+    x0, y0, x1, y1 = settings.crop or (0, 0, settings.width, settings.height)
+    return (x1 - x0) * (y1 - y0) * settings.spp
 
 
 def parse_request(body: Any) -> JobRequest:
@@ -126,7 +174,7 @@ def _accepted(context: Mapping[str, Any]) -> str | None:
     return None if expected is None else str(expected)
 
 
-def _check_settings(settings: RenderSettings, report: Mapping[str, Any]) -> None:
+def _check_settings(settings: RenderSettings, report: Mapping[str, Any]) -> RenderSettings:
     cameras = report["cameras"]
     if settings.camera is not None and settings.camera not in cameras:
         raise InvalidSettingsError(
@@ -136,7 +184,7 @@ def _check_settings(settings: RenderSettings, report: Mapping[str, Any]) -> None
             accepted=", ".join(cameras[:20]),
         )
     try:
-        settings.over(report["settings"])
+        return settings.over(report["settings"])
     except SettingsError as error:
         raise InvalidSettingsError(
             f"with the scene's own settings: {error}", pointer="/settings"

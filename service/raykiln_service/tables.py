@@ -71,6 +71,7 @@ jobs = Table(
     Column("frames", Text),
     Column("queued_ms", BigInt, nullable=False, server_default=text("0")),
     Column("rank_ms", BigInt, nullable=False, server_default=text("0")),
+    Column("limit_ms", BigInt),
     Column("scene_key", Text),
     Column("cache_key", Text),
     Column("use_cache", Integer, nullable=False, server_default=text("1")),

@@ -44,6 +44,10 @@ def serve(
             "--executor", help="Where jobs are rendered [default: local]", metavar="local|dask"
         ),
     ] = None,
+    require_token: Annotated[
+        bool,
+        typer.Option("--require-token", help="Ask for a token on loopback too."),
+    ] = False,
     insecure: Annotated[
         bool,
         typer.Option("--insecure", help="Let other machines in without a token."),
@@ -51,7 +55,8 @@ def serve(
 ) -> None:
     """Serve the HTTP API and the job page until SIGINT or SIGTERM.
 
-    A bearer token is taken from RAYKILN_TOKEN; addresses other than loopback need one.
+    Addresses other than loopback need a bearer token: `raykiln token create` makes one, or
+    RAYKILN_TOKEN holds one that may do everything.
     """
     from raykiln_service.app import serve as serve_http
     from raykiln_service.settings import ServiceSettings
@@ -63,6 +68,7 @@ def serve(
         database_url=database,
         slots=slots,
         executor=executor,
+        require_token=require_token or None,
         insecure=insecure or None,
     )
     # The service ends by its own handling of these signals.

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from alembic import context
 
-from raykiln_service import tables_access
+from raykiln_service.tables import metadata
+from raykiln_service.tables_access import tokens
+
+# Importing the second list of tables adds them to the first.
+assert tokens.metadata is metadata
 
 context.configure(
     connection=context.config.attributes["connection"],
-    target_metadata=tables_access.metadata,
+    target_metadata=metadata,
     transactional_ddl=True,
 )
 with context.begin_transaction():

@@ -11,8 +11,10 @@ from fastapi import APIRouter, Header, Response
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import StreamingResponse
 
-from raykiln_service.errors import InvalidRequestError
+from raykiln_service.access import Caller
+from raykiln_service.errors import InvalidRequestError, NotFoundError
 from raykiln_service.jobs import JobState
+from raykiln_service.routes.access import InCaller
 from raykiln_service.routes.context import ERRORS, Context, InContext
 from raykiln_service.schemas import timestamp
 
@@ -58,17 +60,18 @@ feed_router = APIRouter(prefix="/v1/events", tags=["jobs"], responses=ERRORS)
     response_class=StreamingResponse,
     responses={200: {"content": {"text/event-stream": {}}, "description": "Server-sent events"}},
 )
-async def all_events(context: InContext) -> Response:
+async def all_events(context: InContext, caller: InCaller) -> Response:
     """News of all jobs in one stream: `state`, `progress`, `preview` and `deleted` events.
 
     Each names its `job`.  It is news of the moment: after a reconnect, or a `reload` event, read
     the list of jobs.  A slow reader gets the latest of each job.
     """
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-    return StreamingResponse(_feed(context), media_type="text/event-stream", headers=headers)
+    return StreamingResponse(_feed(context, caller), media_type="text/event-stream", headers=headers)
 
 
-async def _feed(context: Context) -> AsyncIterator[str]:
+async def _feed(context: Context, caller: Caller) -> AsyncIterator[str]:
+    visible: dict[str, bool] = {"": True}
     with context.hub.subscribe_to_all() as feed:
         yield "retry: 1000\n\n"
         while not feed.closed:
@@ -76,8 +79,19 @@ async def _feed(context: Context) -> AsyncIterator[str]:
             if not news:
                 yield ": quiet\n\n"
                 continue
+            if not caller.sees_all:
+                for job in {job for job, _kind, _data in news} - visible.keys():
+                    visible[job] = await run_in_threadpool(_is_own, context, caller, job)
+                news = [item for item in news if visible[item[0]]]
             yield "".join(_event(kind, {"job": job, **data}) for job, kind, data in news)
             await asyncio.sleep(_FEED_PAUSE_S)
+
+
+def _is_own(context: Context, caller: Caller, job_id: str) -> bool:
+    try:
+        return context.store.owner_of(job_id) == caller.owner
+    except NotFoundError:
+        return False
 
 
 async def _stream(context: Context, job_id: str, last: int) -> AsyncIterator[str]:

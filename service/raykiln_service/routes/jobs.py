@@ -14,6 +14,7 @@ from fastapi.concurrency import run_in_threadpool
 from raykiln_service.errors import InvalidRequestError, ServiceError
 from raykiln_service.files import remove_tree
 from raykiln_service.jobs import Job, JobState
+from raykiln_service.routes.access import InCaller
 from raykiln_service.routes.context import ERRORS, Context, InContext, read_json
 from raykiln_service.schemas import JobPageView, JobRequest, JobView
 
@@ -41,6 +42,7 @@ async def create_job(
     request: Request,
     response: Response,
     context: InContext,
+    caller: InCaller,
     idempotency_key: Annotated[str | None, Header()] = None,
     prefer: Annotated[str | None, Header()] = None,
 ) -> JobView:
@@ -53,12 +55,14 @@ async def create_job(
     _check_key(idempotency_key)
     body = await read_json(request)
     try:
-        job, created = await run_in_threadpool(context.submissions.submit, body, idempotency_key)
+        job, created = await run_in_threadpool(context.submissions.submit, body, idempotency_key, caller)
     except ServiceError as error:
         context.metrics.rejected.labels(error.slug).inc()
         raise
     if created:
         context.metrics.submitted.inc()
+    else:
+        response.headers["Idempotent-Replayed"] = "true"
     if wait_s := _wait_s(prefer):
         job = await _wait_for_end(context, job.id, wait_s)
         response.headers["Preference-Applied"] = f"wait={wait_s}"
@@ -70,6 +74,7 @@ async def create_job(
 @router.get("")
 def list_jobs(
     context: InContext,
+    caller: InCaller,
     state: Annotated[list[str] | None, Query()] = None,
     label: Annotated[list[str] | None, Query()] = None,
     limit: Annotated[int, Query(ge=1, le=200)] = 50,
@@ -85,6 +90,7 @@ def list_jobs(
         labels=_labels(label or []),
         limit=limit + 1,
         before_seq=None if cursor is None else _seq_of(cursor),
+        owner=None if caller.sees_all else caller.owner,
     )
     page = jobs[:limit]
     more = len(jobs) > limit
