@@ -28,7 +28,6 @@ from raykiln_service.settings import ServiceSettings
 from raykiln_service.store import Store
 
 _CANCEL_POLL_S = 0.2
-_MAX_DELAY_S = 30.0
 MEDIA_TYPES = {".exr": "image/x-exr", ".png": "image/png", ".json": "application/json"}
 
 
@@ -195,7 +194,7 @@ class Attempt:
         self._say(f"lost: {detail}")
         self._metrics.lost.labels(reason).inc()
         problem = error or {"reason": reason, "title": "The attempt was lost", "detail": detail}
-        delay_s = min(_MAX_DELAY_S, 2.0**self._job.failures)
+        delay_s = self._settings.retry_pause_s(self._job.failures)
         self._end(lambda: self._store.lose(self._lease, problem, own_fault=True, delay_s=delay_s))
 
     def _publish(self, result: Mapping[str, Any]) -> dict[str, Any]:

@@ -12,6 +12,7 @@ import sqlalchemy as sa
 from raykiln_service.errors import LeaseLostError
 from raykiln_service.jobs import Job, JobEvent, JobState, Lease
 from raykiln_service.rows import dump, job_of
+from raykiln_service.settings import MAX_DELAY_S
 from raykiln_service.store_base import Change, fence
 from raykiln_service.tables import IS_QUEUED, IS_RUNNING, jobs, queue
 from raykiln_service.units import UnitStore, unfinished_frames
@@ -19,9 +20,6 @@ from raykiln_service.units import UnitStore, unfinished_frames
 # A job whose every attempt takes the whole service down must end some day; each finished pass
 # starts the count anew.
 MAX_STALLS = 100
-# Longest pause before a lost job is tried again.  A time further ahead was written before the
-# clock was set back, and counts as over.
-MAX_DELAY_S = 300.0
 
 
 class LeaseStore(UnitStore):

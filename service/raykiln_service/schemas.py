@@ -96,6 +96,17 @@ class TimingsView(BaseModel):
     total_s: float | None
 
 
+class EtaView(BaseModel):
+    """When a job is likely to begin and to end; null = unknown, which it is told to be."""
+
+    start_s: float | None
+    """Seconds until it begins; 0 if it runs."""
+    end_s: float | None
+    """Seconds until it ends."""
+    basis: Literal["scene", "recent"] | None
+    """Speed of earlier jobs of the same scene, or of recent jobs of any."""
+
+
 class OutputView(BaseModel):
     """A file of the result."""
 
@@ -123,6 +134,10 @@ class JobView(BaseModel):
     progress: ProgressView
     queue_position: int | None
     """Jobs that go before it, if it is queued."""
+    eta: EtaView | None
+    """None once it has ended."""
+    cached: bool
+    """Whether an earlier job's result is the answer: nothing was rendered."""
     scene: dict[str, Any]
     settings: dict[str, Any]
     """As given; the result tells what they became."""
@@ -152,6 +167,31 @@ class JobPageView(BaseModel):
 
     items: list[JobView]
     next_cursor: str | None
+
+
+class QueueStateView(BaseModel):
+    """The queue as a whole."""
+
+    paused: bool
+    paused_at: datetime | None
+    pause_reason: str | None
+    queued: int
+    running: int
+    slots: int
+    """Jobs that this service renders at the same time."""
+    oldest_queued_at: datetime | None
+    drained_in_s: float | None
+    """Until all of it is done; null = unknown, or paused."""
+    samples_per_s: float | None
+    """Of the median recent job; null = too few are known."""
+
+
+class PauseRequest(BaseModel):
+    """Why the queue is paused."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    reason: Annotated[str, StringConstraints(max_length=500)] | None = None
 
 
 class SceneView(BaseModel):
@@ -195,7 +235,11 @@ def timestamp(unix_ms: int) -> datetime:
 
 
 def job_view(
-    job: Job, queue_position: int | None, live_progress: Mapping[str, Any] | None, now_ms: int
+    job: Job,
+    queue_position: int | None,
+    eta: EtaView | None,
+    live_progress: Mapping[str, Any] | None,
+    now_ms: int,
 ) -> JobView:
     """A job as clients see it."""
     result = job.result or {}
@@ -205,6 +249,8 @@ def job_view(
         state=job.state,
         progress=_progress(job, live_progress),
         queue_position=queue_position,
+        eta=None if job.state.is_final else eta,
+        cached=result.get("cached_from") is not None,
         scene=dict(job.spec.scene),
         settings=dict(job.spec.settings),
         outputs_wanted=list(job.spec.outputs),
@@ -245,10 +291,15 @@ def _timings(job: Job, now_ms: int) -> TimingsView:
     end = job.finished_ms or now_ms
     started = job.started_ms
     return TimingsView(
-        queue_s=((started or end) - job.created_ms) / 1000,
-        run_s=None if started is None else (end - started) / 1000,
-        total_s=(end - job.created_ms) / 1000,
+        queue_s=_span_s(job.created_ms, started or end),
+        run_s=None if started is None else _span_s(started, end),
+        total_s=_span_s(job.created_ms, end),
     )
+
+
+def _span_s(start_ms: int, end_ms: int) -> float:
+    # A clock that was set back must not make a time negative.
+    return max(0, end_ms - start_ms) / 1000
 
 
 def _links(job: Job, base: str) -> dict[str, str]:

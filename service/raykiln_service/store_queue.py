@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import sqlalchemy as sa
 
@@ -26,7 +26,9 @@ class Traits:
     """What the service found out about a new job, for its turn and for the cache."""
 
     scene_key: str | None = None
-    """Names the scene."""
+    """Names the scene: jobs with the same one run at about the same speed."""
+    limit_ms: int | None = None
+    """Render time that the job allows itself."""
     cache_key: str | None = None
     """Names the result; None = it is not the same each time."""
     use_cache: bool = True
@@ -44,24 +46,23 @@ class Pause:
     reason: str | None
 
 
-@dataclass(frozen=True, slots=True)
-class Waiting:
+class Waiting(NamedTuple):
     """A queued job, as far as its turn and its duration go."""
 
     id: str
     samples: int
     """Camera samples asked for; 0 = unknown."""
     scene_key: str | None
-    """Names the scene: jobs with the same one run at about the same speed."""
+    limit_ms: int | None
 
 
-@dataclass(frozen=True, slots=True)
-class Running:
+class Running(NamedTuple):
     """A running job: what the heartbeat last said."""
 
     id: str
     samples: int
     scene_key: str | None
+    limit_ms: int | None
     since_ms: int
     """When the attempt began."""
     progress: Any
@@ -113,23 +114,21 @@ class QueueStore(StoreBase):
 
     def waiting(self) -> list[Waiting]:
         """All queued jobs, the next one first."""
-        columns = (jobs.c.id, jobs.c.pixel_samples, jobs.c.scene_key)
-        query = sa.select(*columns).where(IS_QUEUED).order_by(jobs.c.rank_ms, jobs.c.seq)
-        with self.database.read() as connection:
-            return [Waiting(*row) for row in connection.execute(query)]
+        return self.queue_now()[1]
 
-    def running(self) -> list[Running]:
-        """All running jobs."""
-        columns = (
-            jobs.c.id,
-            jobs.c.pixel_samples,
-            jobs.c.scene_key,
-            jobs.c.updated_ms,
-            jobs.c.progress,
-        )
+    def queue_now(self) -> tuple[Pause | None, list[Waiting], list[Running]]:
+        """The pause, all queued jobs (the next one first), and all running ones."""
+        what = (jobs.c.id, jobs.c.pixel_samples, jobs.c.scene_key, jobs.c.limit_ms)
+        queued = sa.select(*what).where(IS_QUEUED).order_by(jobs.c.rank_ms, jobs.c.seq)
+        run = sa.select(*what, jobs.c.updated_ms, jobs.c.progress).where(IS_RUNNING)
         with self.database.read() as connection:
-            rows = connection.execute(sa.select(*columns).where(IS_RUNNING)).all()
-        return [Running(*row[:4], None if row[4] is None else json.loads(row[4])) for row in rows]
+            pause = self._pause(connection)
+            waiting = [Waiting._make(row) for row in connection.execute(queued)]
+            rows = connection.execute(run).all()
+        running = [
+            Running(*row[:5], None if row[5] is None else json.loads(row[5])) for row in rows
+        ]
+        return pause, waiting, running
 
     def recent_runs(self) -> list[Run]:
         """How long the last finished jobs took, newest first; answers from the cache left out."""

@@ -15,9 +15,10 @@ from fastapi.responses import FileResponse
 from raykiln_service.assets import AssetStore
 from raykiln_service.errors import MalformedRequestError, NotFoundError
 from raykiln_service.events import EventHub
-from raykiln_service.jobs import Job
+from raykiln_service.jobs import Job, JobState
 from raykiln_service.metrics import Metrics
-from raykiln_service.schemas import JobView, Problem, job_view
+from raykiln_service.queueing import QueueWatch, Turn
+from raykiln_service.schemas import EtaView, JobView, Problem, job_view
 from raykiln_service.settings import ServiceSettings
 from raykiln_service.store import Store
 from raykiln_service.submission import Submissions
@@ -41,6 +42,7 @@ class Context:
     hub: EventHub
     metrics: Metrics
     submissions: Submissions
+    queue: QueueWatch
     readiness: Callable[[], dict[str, str]]
     """"ok" or what is wrong, by part."""
 
@@ -50,12 +52,20 @@ class Context:
 
     def views(self, jobs: list[Job]) -> list[JobView]:
         """Several of them."""
-        positions = self.store.queue_positions(jobs)
+        live = any(not job.state.is_final for job in jobs)
+        turns = self.queue.look().turns if live else {}
         now = self.store.clock()
         return [
-            job_view(job, positions.get(job.id), self.hub.latest_progress(job.id), now)
+            job_view(job, *_turn(job, turns.get(job.id)), self.hub.latest_progress(job.id), now)
             for job in jobs
         ]
+
+
+def _turn(job: Job, turn: Turn | None) -> tuple[int | None, EtaView | None]:
+    if turn is None or job.state.is_final:
+        return None, None
+    eta = EtaView(start_s=turn.start_s, end_s=turn.end_s, basis=turn.basis)
+    return turn.position if job.state is JobState.QUEUED else None, eta
 
 
 def _context(request: Request) -> Context:

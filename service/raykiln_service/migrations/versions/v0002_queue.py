@@ -19,6 +19,7 @@ def upgrade() -> None:
     """Rank what waits as if it had come with this version."""
     for name, kind in (("queued_ms", _BIG), ("rank_ms", _BIG)):
         op.add_column("jobs", sa.Column(name, kind, nullable=False, server_default=sa.text("0")))
+    op.add_column("jobs", sa.Column("limit_ms", _BIG))
     op.add_column("jobs", sa.Column("scene_key", sa.Text))
     op.add_column("jobs", sa.Column("cache_key", sa.Text))
     op.add_column(
@@ -67,5 +68,5 @@ def downgrade() -> None:
         postgresql_where=_QUEUED,
     )
     op.drop_column("assets", "used_ms")
-    for name in ("use_cache", "cache_key", "scene_key", "rank_ms", "queued_ms"):
+    for name in ("use_cache", "cache_key", "scene_key", "limit_ms", "rank_ms", "queued_ms"):
         op.drop_column("jobs", name)
