@@ -27,6 +27,13 @@ class Task:
     """Empty folder for the outputs."""
     checkpoint: Path
     preview: Path
+    scene_key: str | None = None
+    """Names the scene by its content: tasks with the same key may share what was loaded.  None =
+    keep nothing."""
+    memory_bytes: int | None = None
+    """Most memory that it may take, if less than the executor allows."""
+    time_left_s: float | None = None
+    """It ends as `TIMED_OUT` after this time."""
 
 
 class StopReason(StrEnum):
@@ -45,7 +52,9 @@ class OutcomeKind(StrEnum):
     STOPPED = "stopped"
     """Stopped as asked; the partial image is in `work_dir` if `result` is given."""
     REJECTED = "rejected"
-    """Scene or settings cannot be rendered: another attempt would end the same."""
+    """It cannot be rendered, or not within its memory: another attempt would end the same."""
+    TIMED_OUT = "timed-out"
+    """Its time is over; the partial image is in `work_dir` if `result` is given."""
     BROKEN = "broken"
     """The attempt failed; another one may do better."""
 
