@@ -84,11 +84,12 @@ PYTHON_ROOMS: dict[str, Room] = {
         {"raykiln_service.executors"}, {"jobs", "assets", "renderer", "scene", "image"}
     ),
     "dispatcher": Room(
-        {"raykiln_service.attempt", "raykiln_service.dispatcher"},
+        {f"raykiln_service.{name}" for name in ("attempt", "attempt_frames", "dispatcher")},
         {"jobs", "store", "assets", "events", "executors"},
     ),
     "routes": Room(
-        {f"raykiln_service.{name}" for name in ("routes", "schemas", "submission")},
+        {f"raykiln_service.{name}" for name in ("framing", "routes", "schemas", "schemas_frames")}
+        | {"raykiln_service.archive", "raykiln_service.submission"},
         {"jobs", "store", "assets", "events", "renderer", "errors", "scene", "image"},
     ),
     "app": Room(
@@ -111,6 +112,8 @@ PYTHON_LIBRARIES: dict[str, set[str]] = {
     "starlette": {"routes", "app"},
     "uvicorn": {"app"},
     "httpx": {"client"},
+    "PIL": {"executors"},
+    "av": {"executors"},
     "typer": {"commands"},
     "rich": {"commands"},
 }

@@ -1,11 +1,14 @@
-"""One attempt at one job: from the lease to the commit."""
+"""One attempt at a job: from the lease to the commit.
+
+`Attempt` is a job of one image; `attempt_frames.py` makes jobs of many from its parts.
+"""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from sqlalchemy.exc import SQLAlchemyError
 
@@ -27,8 +30,16 @@ from raykiln_service.planner import Unit, plan
 from raykiln_service.settings import ServiceSettings
 from raykiln_service.store import Store
 
+Made = TypeVar("Made")
+
 _CANCEL_POLL_S = 0.2
-MEDIA_TYPES = {".exr": "image/x-exr", ".png": "image/png", ".json": "application/json"}
+MEDIA_TYPES = {
+    ".exr": "image/x-exr",
+    ".png": "image/png",
+    ".json": "application/json",
+    ".webp": "image/webp",
+    ".mp4": "video/mp4",
+}
 
 
 class Attempt:
@@ -69,8 +80,8 @@ class Attempt:
         """Render and commit; every way out leaves the job in a state from which it goes on."""
         self._say("begins")
         try:
-            outcome = self._render(slot, executor)
-            self._commit(outcome)
+            self._clean()
+            self._work(slot, executor)
         except LeaseLostError:
             self._say("lost its lease, its result is dropped")
         except ServiceError as error:
@@ -91,11 +102,15 @@ class Attempt:
 
     def progress(self, progress: Mapping[str, Any]) -> None:
         """Note how far it has come."""
-        self._progress = progress
+        self._progress = self._overall(progress)
         spp = progress.get("spp_done")
         if self._first_spp is None:
             self._first_spp = spp
-        self._hub.progress_made(self._job.id, progress)
+        self._hub.progress_made(self._job.id, self._progress)
+
+    def _overall(self, progress: Mapping[str, Any]) -> Mapping[str, Any]:
+        """The progress of the job, from that of its unit."""
+        return progress
 
     def preview(self) -> None:
         """Tell of a new preview."""
@@ -140,27 +155,31 @@ class Attempt:
 
     # The way of an attempt
 
-    def _render(self, slot: int, executor: Executor) -> Outcome:
+    def _clean(self) -> None:
+        """Drop what killed attempts left: their leases are gone, so nobody will miss it."""
         for left in (*self._folder.glob("work-*"), *self._folder.glob(".*")):
-            # Of attempts that were killed: their leases are gone, so nobody will miss it.
             remove_tree(left) if left.is_dir() else left.unlink(missing_ok=True)
-        self._work_dir.mkdir()
-        units = plan(self._job.spec.settings)
-        assert len(units) == 1
-        return executor.run(slot, self._task(units[0]), self)
+
+    def _work(self, slot: int, executor: Executor) -> None:
+        (unit,) = plan(self._job.spec.settings)
+        self._commit(executor.run(slot, self._task(unit), self))
 
     def _task(self, unit: Unit) -> Task:
+        """The task of a unit, with an empty folder to work in."""
+        self._work_dir.mkdir()
         scene = self._assets.locate(self._job.id, self._job.spec.scene)
+        frame = unit.frame
+        own, suffix = ({}, "") if frame is None else (frame.settings, f"-{frame.name}")
         return Task(
             job_id=self._job.id,
-            token=self._lease.token,
+            token=self._lease.token + suffix,
             unit=unit,
             scene_path=scene.path,
             base_dir=scene.base_dir,
-            settings=self._job.spec.settings,
+            settings={**self._job.spec.settings, **own},
             outputs=self._job.spec.outputs,
             work_dir=self._work_dir,
-            checkpoint=self._folder / "checkpoint",
+            checkpoint=self._folder / f"checkpoint{suffix}",
             preview=self._folder / "preview.png",
         )
 
@@ -174,21 +193,25 @@ class Attempt:
                 self._metrics.note_result(result["stats"]["queue_s"], result["stats"])
                 self._tidy(result)
             case OutcomeKind.STOPPED if self._reason is StopReason.CANCEL:
-                kept = None if outcome.result is None else self._publish(outcome.result)
+                kept = self._keep(outcome.result)
                 self._end(lambda: self._store.end_cancelled(self._lease, kept))
                 self._tidy(kept)
             case OutcomeKind.STOPPED if self._reason is None:
                 self._end(lambda: self._store.release(self._lease))
             case OutcomeKind.STOPPED:
                 raise LeaseLostError
+            case OutcomeKind.TIMED_OUT:
+                kept = self._keep(outcome.result)
+                self._fail(outcome.error, kept)
+                self._tidy(kept)
             case OutcomeKind.REJECTED:
                 self._fail(outcome.error)
             case OutcomeKind.BROKEN:
                 self._lose(outcome.error["reason"], outcome.error["detail"], outcome.error)
 
-    def _fail(self, error: Mapping[str, Any]) -> None:
+    def _fail(self, error: Mapping[str, Any], kept: Mapping[str, Any] | None = None) -> None:
         self._say(f"failed: {error['detail']}")
-        self._end(lambda: self._store.fail(self._lease, error))
+        self._end(lambda: self._store.fail(self._lease, error, kept))
 
     def _lose(self, reason: str, detail: str, error: Mapping[str, Any] | None = None) -> None:
         self._say(f"lost: {detail}")
@@ -197,36 +220,52 @@ class Attempt:
         delay_s = self._settings.retry_pause_s(self._job.failures)
         self._end(lambda: self._store.lose(self._lease, problem, own_fault=True, delay_s=delay_s))
 
-    def _publish(self, result: Mapping[str, Any]) -> dict[str, Any]:
-        """The outputs in their final folder, durably; what the job's row will say of them."""
-        stats = dict(result["stats"])
-        created, started = self._job.created_ms, self._job.started_ms or self._job.created_ms
-        stats["queue_s"] = (started - created) / 1000
-        stats["total_s"] = max(0.0, (self._store.clock() - created) / 1000)
+    def _keep(self, partial: Mapping[str, Any] | None) -> dict[str, Any] | None:
+        """Publish what there is of a job that ends before it is done."""
+        return None if partial is None else self._publish(partial)
+
+    def _publish(
+        self,
+        result: Mapping[str, Any],
+        kind: str = "result",
+        times: Mapping[str, float] | None = None,
+    ) -> dict[str, Any]:
+        """The outputs in their final folder, durably; what the database will say of them."""
+        stats = {**result["stats"], **(times or self._times())}
         write_json(self._work_dir / "stats.json", stats)
         files = [_describe(path) for path in sorted(self._work_dir.iterdir())]
-        place = self._folder / f"result-{self._lease.token}"
+        place = self._folder / f"{kind}-{self._lease.token}"
         publish_folder(self._work_dir, place)
         sync_dir(self._folder.parent)
         return {**result, "stats": stats, "dir": place.name, "files": files}
 
+    def _times(self) -> dict[str, float]:
+        """Of the job: how long it waited, and how long it took until now."""
+        created, started = self._job.created_ms, self._job.started_ms or self._job.created_ms
+        return {
+            "queue_s": max(0.0, (started - created) / 1000),
+            "total_s": max(0.0, (self._store.clock() - created) / 1000),
+        }
+
     def _end(self, commit: Callable[[], JobState]) -> None:
-        """Commit the end; a database that cannot take it now is asked again."""
+        """Commit the end."""
+        state = self._committed(commit)
+        self._say(f"ends, the job is {state}")
+        if state.is_final:
+            self._metrics.ended.labels(str(state)).inc()
+
+    def _committed(self, commit: Callable[[], Made]) -> Made:
+        """Commit; a database that cannot take it now is asked again."""
         pause_s = 0.2
         while True:
             try:
-                state = commit()
+                return commit()
             except SQLAlchemyError as error:
                 self._service_log.warning("commit postponed", error=str(error))
                 if self._is_stopping():
                     raise
                 time.sleep(pause_s)
                 pause_s = min(5.0, pause_s * 2)
-                continue
-            break
-        self._say(f"ends, the job is {state}")
-        if state.is_final:
-            self._metrics.ended.labels(str(state)).inc()
 
     def _try(self, end: Callable[[], None]) -> None:
         try:

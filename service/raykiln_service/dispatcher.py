@@ -9,6 +9,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from raykiln_service.assets import AssetStore
 from raykiln_service.attempt import Attempt
+from raykiln_service.attempt_frames import FramesAttempt
 from raykiln_service.events import EventHub
 from raykiln_service.executors.base import Executor
 from raykiln_service.jobs import Job
@@ -124,7 +125,8 @@ class Dispatcher:
             return None
 
     def _attempt(self, job: Job) -> Attempt:
-        return Attempt(
+        kind = Attempt if job.spec.frames is None else FramesAttempt
+        return kind(
             job,
             store=self._store,
             assets=self._assets,

@@ -50,3 +50,15 @@ def plan(settings: Mapping[str, Any]) -> list[Unit]:
     """The units of a job of one image with these settings."""
     crop = settings.get("crop")
     return [Unit(0, region=None if crop is None else tuple(crop))]
+
+
+GATHERED = ("contact_sheet", "webp", "mp4")
+"""Outputs that are made of all frames together."""
+_FPS = 12.0
+
+
+def playback_fps(frames: Mapping[str, Any]) -> float:
+    """The pictures a second at which the frames of a request are shown."""
+    own = frames.get("fps")
+    of_time = (frames.get("time") or {}).get("fps")
+    return float(own or of_time or _FPS)

@@ -1,0 +1,61 @@
+"""Supervising the process that puts the frames of a job together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from raykiln_service.executors.base import Outcome, OutcomeKind, Watcher
+from raykiln_service.executors.process import JsonChild
+
+_MODULE = "raykiln_service.executors.gather"
+_TICK_S = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Gathering:
+    """What to make of which frames."""
+
+    frames: Sequence[tuple[int, Path]]
+    """Number and EXR file, in order."""
+    outputs: Sequence[str]
+    fps: float
+    work_dir: Path
+
+
+def gather(task: Gathering, watcher: Watcher, module: str = _MODULE) -> Outcome:
+    """Write the contact sheet and the animations; stops at once when `watcher` says so."""
+    child = JsonChild(module, on_line=watcher.log)
+    try:
+        child.send(_request(task))
+        while True:
+            message = child.receive(_TICK_S)
+            if message is None:
+                return _broken(f"the process that gathers the frames {child.reap()}")
+            if watcher.stop_reason() is not None:
+                return Outcome(OutcomeKind.STOPPED)
+            match message.get("type"):
+                case "progress":
+                    watcher.progress({"phase": "gather", "fraction": float(message["share"])})
+                case "done":
+                    return Outcome(OutcomeKind.DONE)
+                case "broken":
+                    return _broken(f"the frames cannot be gathered: {message['detail']}")
+    finally:
+        child.kill()
+
+
+def _request(task: Gathering) -> Mapping[str, Any]:
+    return {
+        "frames": [[number, str(path)] for number, path in task.frames],
+        "outputs": list(task.outputs),
+        "fps": task.fps,
+        "work_dir": str(task.work_dir),
+    }
+
+
+def _broken(detail: str) -> Outcome:
+    error = {"reason": "gather-error", "title": "The frames cannot be gathered", "detail": detail}
+    return Outcome(OutcomeKind.BROKEN, error=error)
