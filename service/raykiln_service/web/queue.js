@@ -1,0 +1,45 @@
+// Whether the queue takes jobs to the renderer, and the switch for it.
+
+import { call, getJson } from "./api.js";
+import { fill, h, throttled } from "./dom.js";
+
+export class QueuePanel {
+  element = h("div.queue", { role: "status" });
+  #read = throttled(() => this.#load(), 2000);
+
+  constructor() {
+    this.#load();
+  }
+
+  refresh() {
+    this.#read();
+  }
+
+  async #load() {
+    try {
+      this.#show(await getJson("/v1/queue"));
+    } catch {
+      // The list goes on without it.
+    }
+  }
+
+  #show(queue) {
+    fill(this.element, [queue.paused, queue.queued], () => {
+      const name = queue.paused ? "Resume the queue" : "Pause the queue";
+      return [
+        queue.paused && h("span.badge.paused", {}, "queue paused"),
+        h("button.quiet", { type: "button", onclick: () => this.#set(!queue.paused) }, name),
+      ];
+    });
+  }
+
+  async #set(paused) {
+    try {
+      this.#show(await (await call(`/v1/queue/${paused ? "pause" : "resume"}`, { method: "POST" })).json());
+    } catch (error) {
+      this.element.title = error.message;
+      this.refresh();
+    }
+    this.element.querySelector("button")?.focus();
+  }
+}
