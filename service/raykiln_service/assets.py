@@ -6,7 +6,8 @@ The data folder:
     raykiln.db, -wal, -shm      the database (unless it is elsewhere)
     assets/ab/cdef...           uploads, named by the SHA-256 of their bytes
     bundles/                    assets as folders, ready to load; made anew when needed
-    tmp/                        uploads under way; emptied at start
+    tmp/                        plain uploads under way; emptied at start
+    uploads/                    resumable uploads under way; they outlive the service
     jobs/ID/scene.json          an inline scene
     jobs/ID/checkpoint          the film after the last finished pass
     jobs/ID/preview.png         the image so far
@@ -34,12 +35,13 @@ from raykiln.formats import READERS
 from raykiln_service.access import LOCAL, Caller
 from raykiln_service.bundles import BundleLimits, is_zip, unpack
 from raykiln_service.errors import (
+    ChecksumError,
     InvalidAssetError,
     InvalidSceneError,
     NotFoundError,
     TooLargeError,
 )
-from raykiln_service.files import remove_tree, sync_dir, write_durably
+from raykiln_service.files import remove_tree, sync_dir, sync_file, write_durably
 from raykiln_service.rows import Asset
 from raykiln_service.store import Store
 
@@ -75,8 +77,14 @@ class Upload:
         self._hash.update(chunk)
         self._file.write(chunk)
 
-    def finish(self, filename: str | None) -> Asset:
-        """Keep the bytes under their hash, durably, and note them in the database."""
+    def finish(self, filename: str | None, expected: str | None = None) -> Asset:
+        """Keep the bytes under their hash, durably, and note them in the database.
+
+        Parameters
+        ----------
+        expected
+            SHA-256 in hex that the sender gave; `ChecksumError` if the bytes have another.
+        """
         if self._size == 0:
             raise InvalidAssetError("the upload is empty", accepted="a file of at least one byte")
         name = None if filename is None else safe_filename(filename)
@@ -84,16 +92,10 @@ class Upload:
         os.fsync(self._file.fileno())
         self._file.close()
         digest = self._hash.hexdigest()
+        if expected is not None and digest != expected:
+            raise ChecksumError(found=digest, accepted=expected)
         self._store.store.check_room(self._caller, self._size, f"sha256:{digest}")
-        place = self._store.path_of(f"sha256:{digest}")
-        if not place.exists():
-            if not place.parent.exists():
-                place.parent.mkdir(exist_ok=True)
-                sync_dir(place.parent.parent)
-            self._path.chmod(0o444)
-            self._path.replace(place)
-            sync_dir(place.parent)
-        return self._store.store.add_asset(f"sha256:{digest}", self._size, name, self._caller)
+        return self._store.keep_file(self._path, digest, name, self._caller)
 
     def close(self) -> None:
         """Drop what was not kept."""
@@ -135,6 +137,30 @@ class AssetStore:
     def upload(self, limit_bytes: int, caller: Caller = LOCAL) -> Upload:
         """Begin an upload of at most so many bytes."""
         return Upload(self, limit_bytes, caller)
+
+    def keep_file(
+        self, path: Path, digest: str, name: str | None, caller: Caller, *, counted: bool = False
+    ) -> Asset:
+        """Make an asset of a synced file, which stays where it is for the caller to remove.
+
+        Parameters
+        ----------
+        counted
+            The bytes are part of the caller's stored bytes already.
+        """
+        place = self.path_of(f"sha256:{digest}")
+        size = path.stat().st_size
+        if not place.exists():
+            if not place.parent.exists():
+                place.parent.mkdir(exist_ok=True)
+                sync_dir(place.parent.parent)
+            work = self.tmp / f"asset-{secrets.token_hex(8)}"
+            _link(path, work)
+            work.chmod(0o444)
+            sync_file(work)
+            work.replace(place)
+            sync_dir(place.parent)
+        return self.store.add_asset(f"sha256:{digest}", size, name, caller, counted=counted)
 
     def keep_inline(self, job_id: str, scene: Mapping[str, Any]) -> None:
         """Write the inline scene of a new job."""

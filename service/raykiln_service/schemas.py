@@ -10,9 +10,10 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints, model_vali
 from raykiln.settings import RenderSettings
 
 from raykiln_service.jobs import Job, JobState
+from raykiln_service.schemas_frames import FrameChoice, FramesView
 
 LabelText = Annotated[str, StringConstraints(min_length=1, max_length=200)]
-OutputKind = Literal["exr", "png"]
+OutputKind = Literal["exr", "png", "contact_sheet", "webp", "mp4"]
 
 
 class SceneChoice(BaseModel):
@@ -49,17 +50,27 @@ class JobRequest(BaseModel):
                     "scene": {"name": "cornell_box"},
                     "settings": {"width": 256, "height": 256, "spp": 64},
                     "labels": {"shot": "010"},
-                }
+                },
+                {
+                    "scene": {"name": "cornell_box"},
+                    "frames": {"turntable": {"count": 36}},
+                    "outputs": ["exr", "png", "contact_sheet"],
+                },
             ]
         },
     )
 
     scene: SceneChoice
     settings: RenderSettings = Field(default_factory=RenderSettings)
-    outputs: Annotated[list[OutputKind], Field(min_length=1, max_length=8)] = ["exr", "png"]
-    """The EXR is always kept; `png` adds a picture of it."""
+    frames: FrameChoice | None = None
+    """Many pictures of the scene; null = one."""
+    outputs: Annotated[list[OutputKind], Field(min_length=1, max_length=8)] | None = None
+    """The EXR is always kept; `png` adds a picture of it.  `contact_sheet`, `webp` and `mp4` are
+    made of all frames.  null = EXR and PNG, with the contact sheet of frames."""
     priority: Annotated[int, Field(ge=-1000, le=1000)] = 0
-    """Higher goes first."""
+    """Higher goes first; waiting makes up for it."""
+    cache: bool = True
+    """Whether the result of an identical job may be the answer; false = render in any case."""
     labels: Annotated[
         dict[LabelText, Annotated[str, Field(max_length=200)]], Field(max_length=32)
     ] = Field(default_factory=dict)
@@ -75,17 +86,62 @@ class AssetView(BaseModel):
     created_at: datetime
 
 
+class MissingRequest(BaseModel):
+    """Which of these have to be uploaded?"""
+
+    model_config = ConfigDict(
+        extra="forbid", json_schema_extra={"examples": [{"ids": ["sha256:" + "0" * 64]}]}
+    )
+
+    ids: Annotated[
+        list[Annotated[str, Field(pattern=r"^(sha256:)?[0-9a-f]{64}$")]], Field(max_length=10_000)
+    ]
+    """SHA-256 of files, in hex, with or without `sha256:` before it."""
+
+
+class MissingView(BaseModel):
+    """Those that are not there, in the order asked."""
+
+    missing: list[str]
+
+
+class UploadView(BaseModel):
+    """A resumable upload."""
+
+    id: str
+    href: str
+    length: int
+    offset: int
+    """Bytes that have arrived."""
+    filename: str | None
+    sha256: str | None
+    asset: str | None
+    """Id of the asset, once all has arrived."""
+    created_at: datetime
+    expires_at: datetime
+
+
+class UploadListView(BaseModel):
+    """Unfinished uploads."""
+
+    items: list[UploadView]
+
+
 class ProgressView(BaseModel):
     """How far a job has come."""
 
     phase: str
-    """waiting, load, render, encode or done."""
+    """waiting, load, render, encode, gather or done."""
     fraction: float
     spp_done: int | None = None
     spp: int | None = None
     elapsed_s: float | None = None
     eta_s: float | None = None
     samples: int | None = None
+    frame: int | None = None
+    """Number of the frame that `spp_done` and `samples` are of."""
+    frames: int | None = None
+    frames_done: int | None = None
 
 
 class TimingsView(BaseModel):
@@ -142,6 +198,8 @@ class JobView(BaseModel):
     settings: dict[str, Any]
     """As given; the result tells what they became."""
     outputs_wanted: list[str]
+    frames: FramesView | None
+    """Null for a job of one image."""
     priority: int
     labels: dict[str, str]
     attempts: int
@@ -223,6 +281,7 @@ class Problem(BaseModel):
     title: str
     status: int
     detail: str
+    limit: str | None = None
     file: str | None = None
     pointer: str | None = None
     found: str | None = None
@@ -240,6 +299,7 @@ def job_view(
     eta: EtaView | None,
     live_progress: Mapping[str, Any] | None,
     now_ms: int,
+    frames: FramesView | None = None,
 ) -> JobView:
     """A job as clients see it."""
     result = job.result or {}
@@ -254,6 +314,7 @@ def job_view(
         scene=dict(job.spec.scene),
         settings=dict(job.spec.settings),
         outputs_wanted=list(job.spec.outputs),
+        frames=frames,
         priority=job.spec.priority,
         labels=dict(job.spec.labels),
         attempts=job.attempts,
@@ -304,8 +365,11 @@ def _span_s(start_ms: int, end_ms: int) -> float:
 
 def _links(job: Job, base: str) -> dict[str, str]:
     links = {"self": base, "events": f"{base}/events", "log": f"{base}/outputs/log.txt"}
+    if job.spec.frames is not None:
+        links["frames"] = f"{base}/frames"
     if job.started_ms is not None:
         links["preview"] = f"{base}/preview.png"
+        links["archive"] = f"{base}/outputs.zip"
     if not job.state.is_final:
         links["cancel"] = f"{base}/cancel"
     if job.state in (JobState.FAILED, JobState.CANCELLED):

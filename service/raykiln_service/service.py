@@ -11,6 +11,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from raykiln_service.assets import AssetStore
 from raykiln_service.bundles import BundleLimits
+from raykiln_service.cache import ResultCache
 from raykiln_service.database import Database, has_wal_reset_bug
 from raykiln_service.dispatcher import Dispatcher
 from raykiln_service.errors import StartupError
@@ -25,6 +26,7 @@ from raykiln_service.settings import ServiceSettings
 from raykiln_service.store import Store
 from raykiln_service.submission import Submissions
 from raykiln_service.tokens import TokenStore
+from raykiln_service.uploads import Uploads
 
 _STOP_S = 4.0
 
@@ -48,6 +50,8 @@ class Service:
         )
         self.assets = AssetStore(settings.data_dir.resolve(), self.store, limits)
         self.assets.prepare()
+        self.uploads = Uploads(self.assets, settings.upload_expiry_s)
+        self.uploads.prepare()
         self.hub = EventHub()
         self.store.listen(self.hub.state_changed)
         self.metrics = Metrics(self.store)
@@ -55,16 +59,18 @@ class Service:
         self.executor = LocalExecutor(
             settings.slots, checkpoint_interval_s=settings.checkpoint_interval_s
         )
+        cache = ResultCache(self.store, self.assets)
         self.dispatcher = Dispatcher(
-            self.store, self.assets, self.executor, self.hub, self.metrics, settings
+            self.store, self.assets, self.executor, cache, self.hub, self.metrics, settings
         )
         self.context = Context(
             settings=settings,
             store=self.store,
             assets=self.assets,
+            uploads=self.uploads,
             hub=self.hub,
             metrics=self.metrics,
-            submissions=Submissions(self.store, self.assets, self.checks, settings),
+            submissions=Submissions(self.store, self.assets, self.checks, cache, settings),
             queue=QueueWatch(self.store, self.hub, settings.slots),
             readiness=self.readiness,
         )

@@ -40,9 +40,20 @@ class Store(LeaseStore, QueueStore):
     # Assets
 
     def add_asset(
-        self, asset_id: str, size_bytes: int, filename: str | None, caller: Caller = LOCAL
+        self,
+        asset_id: str,
+        size_bytes: int,
+        filename: str | None,
+        caller: Caller = LOCAL,
+        *,
+        counted: bool = False,
     ) -> Asset:
         """Note an asset; the same id again changes at most its file name.
+
+        Parameters
+        ----------
+        counted
+            Its bytes are part of the caller's stored bytes already.
 
         Raises
         ------
@@ -54,7 +65,7 @@ class Store(LeaseStore, QueueStore):
         )
         changed = {"filename": sa.func.coalesce(insert.excluded.filename, assets.c.filename)}
         with self.database.write() as connection:
-            if not owned_assets(connection, caller, [asset_id]):
+            if not counted and not owned_assets(connection, caller, [asset_id]):
                 admit_bytes(connection, caller, size_bytes)
             connection.execute(insert.on_conflict_do_update(index_elements=["id"], set_=changed))
             own_asset(connection, caller, asset_id, self.clock())

@@ -19,9 +19,11 @@ from raykiln_service.jobs import Job, JobState
 from raykiln_service.metrics import Metrics
 from raykiln_service.queueing import QueueWatch, Turn
 from raykiln_service.schemas import EtaView, JobView, Problem, job_view
+from raykiln_service.schemas_frames import frames_view
 from raykiln_service.settings import ServiceSettings
 from raykiln_service.store import Store
 from raykiln_service.submission import Submissions
+from raykiln_service.uploads import Uploads
 
 _ETAG = re.compile(r'(?:W/)?("[^"]*")')
 ERRORS: dict[int | str, dict[str, Any]] = {
@@ -39,6 +41,7 @@ class Context:
     settings: ServiceSettings
     store: Store
     assets: AssetStore
+    uploads: Uploads
     hub: EventHub
     metrics: Metrics
     submissions: Submissions
@@ -55,8 +58,15 @@ class Context:
         live = any(not job.state.is_final for job in jobs)
         turns = self.queue.look().turns if live else {}
         now = self.store.clock()
+        counts = self.store.frame_counts([job.id for job in jobs if job.spec.frames is not None])
         return [
-            job_view(job, *_turn(job, turns.get(job.id)), self.hub.latest_progress(job.id), now)
+            job_view(
+                job,
+                *_turn(job, turns.get(job.id)),
+                self.hub.latest_progress(job.id),
+                now,
+                frames_view(job, counts.get(job.id, {})),
+            )
             for job in jobs
         ]
 
