@@ -10,6 +10,8 @@ from sqlalchemy.exc import SQLAlchemyError
 from raykiln_service.assets import AssetStore
 from raykiln_service.attempt import Attempt
 from raykiln_service.attempt_frames import FramesAttempt
+from raykiln_service.cache import ResultCache
+from raykiln_service.errors import LeaseLostError
 from raykiln_service.events import EventHub
 from raykiln_service.executors.base import Executor
 from raykiln_service.jobs import Job
@@ -36,6 +38,7 @@ class Dispatcher:
         store: Store,
         assets: AssetStore,
         executor: Executor,
+        cache: ResultCache,
         hub: EventHub,
         metrics: Metrics,
         settings: ServiceSettings,
@@ -44,6 +47,7 @@ class Dispatcher:
         self._store = store
         self._assets = assets
         self._executor = executor
+        self._cache = cache
         self._hub = hub
         self._metrics = metrics
         self._settings = settings
@@ -111,7 +115,8 @@ class Dispatcher:
                     self._wake.wait_for(lambda n=signals: self._signals != n, _IDLE_S)
                 continue
             try:
-                self._attempt(job).run(slot, self._executor)
+                if not self._answered(job):
+                    self._attempt(job).run(slot, self._executor)
             except Exception:
                 # A slot must outlive whatever one job does to it; the job's lease runs out.
                 self._log.exception("attempt broke in the service", job=job.id)
@@ -123,6 +128,24 @@ class Dispatcher:
             self._log.warning("no job could be claimed", error=str(error))
             self._stopping.wait(1.0)
             return None
+
+    def _answered(self, job: Job) -> bool:
+        """Whether an identical job has meanwhile done this one's work."""
+        if job.lease is None or job.cancel_requested:
+            return False
+        try:
+            key = self._store.cache_key_of(job.id)
+            answer = None if key is None else self._cache.answer(job.id, key)
+            if answer is None:
+                return False
+            self._store.succeed(job.lease, answer)
+        except LeaseLostError:
+            return True
+        except SQLAlchemyError as error:
+            self._log.warning("no look into the cache", job=job.id, error=str(error))
+            return False
+        self._metrics.note_answer()
+        return True
 
     def _attempt(self, job: Job) -> Attempt:
         kind = Attempt if job.spec.frames is None else FramesAttempt

@@ -23,6 +23,9 @@ class Metrics:
         self.submitted = self._counter("jobs_submitted", "Jobs accepted.")
         self.ended = self._counter("jobs_ended", "Jobs ended, by state.", "state")
         self.lost = self._counter("attempts_lost", "Attempts lost, by reason.", "reason")
+        self.cache_hits = self._counter("cache_hits", "Jobs answered with an earlier result.")
+        self.removed = self._counter("removed", "Jobs and uploads removed by clean-ups.", "kind")
+        self.removed_bytes = self._counter("removed_bytes", "Disk space that clean-ups freed.")
         self.rejected = self._counter("submissions_rejected", "Submissions refused.", "problem")
         self.rays = self._counter("rays", "Rays traced, by kind.", "kind")
         self.samples = self._counter("samples", "Camera paths traced.")
@@ -42,6 +45,11 @@ class Metrics:
         self.samples.inc(float(stats.get("samples") or 0))
         for kind in ("camera", "bounce", "shadow"):
             self.rays.labels(kind).inc(float(stats.get(f"{kind}_rays") or 0))
+
+    def note_answer(self) -> None:
+        """Count a job that was answered from the cache."""
+        self.cache_hits.inc()
+        self.ended.labels("succeeded").inc()
 
     def text(self) -> bytes:
         """All of it, in the text format of Prometheus."""

@@ -139,6 +139,20 @@ class QueueStore(StoreBase):
             rows = connection.execute(query).all()
         return [run for row in rows if (run := _run_of(*row)) is not None]
 
+    def result_of_key(self, cache_key: str) -> tuple[str, dict[str, Any]] | None:
+        """The newest job that succeeded with this key, and its result; None if there is none."""
+        query = sa.select(jobs.c.id, jobs.c.result)
+        query = query.where(IS_SUCCEEDED, jobs.c.cache_key == cache_key)
+        with self.database.read() as connection:
+            row = connection.execute(query.order_by(jobs.c.seq.desc()).limit(1)).one_or_none()
+        return None if row is None else (row.id, json.loads(row.result))
+
+    def cache_key_of(self, job_id: str) -> str | None:
+        """The key under which a job may be answered from the cache; None if it may not."""
+        query = sa.select(jobs.c.cache_key).where(jobs.c.id == job_id, jobs.c.use_cache == 1)
+        with self.database.read() as connection:
+            return connection.execute(query).scalar_one_or_none()
+
     def oldest_queued_ms(self) -> int | None:
         """When the job that waits longest was queued."""
         with self.database.read() as connection:

@@ -14,6 +14,7 @@ from raykiln.settings import RenderSettings
 
 from raykiln_service.access import LOCAL, Caller, Origin
 from raykiln_service.assets import AssetStore, SceneFile
+from raykiln_service.cache import ResultCache, result_key
 from raykiln_service.errors import (
     IdempotencyInFlightError,
     InvalidRequestError,
@@ -25,6 +26,7 @@ from raykiln_service.rows import dump
 from raykiln_service.schemas import JobRequest
 from raykiln_service.settings import ServiceSettings
 from raykiln_service.store import Store
+from raykiln_service.store_queue import Traits
 
 
 class SceneChecker(Protocol):
@@ -38,11 +40,17 @@ class Submissions:
     """Takes job requests."""
 
     def __init__(
-        self, store: Store, assets: AssetStore, checker: SceneChecker, settings: ServiceSettings
+        self,
+        store: Store,
+        assets: AssetStore,
+        checker: SceneChecker,
+        cache: ResultCache,
+        settings: ServiceSettings,
     ) -> None:
         self._store = store
         self._assets = assets
         self._checker = checker
+        self._cache = cache
         self._settings = settings
         self._lock = threading.Lock()
         self._in_flight: set[tuple[str | None, str]] = set()
@@ -76,7 +84,10 @@ class Submissions:
         job_id = new_job_id()
         created = False
         try:
-            spec, samples = self._checked(job_id, request, origin.caller)
+            spec, samples, traits = self._checked(job_id, request, origin.caller)
+            answer = None
+            if traits.use_cache and traits.cache_key is not None:
+                answer = self._cache.answer(job_id, traits.cache_key)
             job, created = self._store.create_job(
                 job_id,
                 spec,
@@ -86,6 +97,8 @@ class Submissions:
                 digest=origin.digest,
                 caller=origin.caller,
                 pixel_samples=samples,
+                traits=traits,
+                answer=answer,
             )
         finally:
             if not created:
@@ -114,7 +127,7 @@ class Submissions:
 
     def _checked(
         self, job_id: str, request: JobRequest, caller: Caller
-    ) -> tuple[JobSpec, int]:
+    ) -> tuple[JobSpec, int, Traits]:
         if request.scene.inline is not None:
             self._assets.keep_inline(job_id, request.scene.inline)
             scene: dict[str, Any] = {"inline": True}
@@ -131,7 +144,22 @@ class Submissions:
             labels=request.labels,
             warnings=tuple(report["warnings"]),
         )
-        return spec, pixel_samples_of(resolved)
+        scene_sha256 = report["summary"]["scene_sha256"]
+        traits = self._traits(scene_sha256, resolved, spec, request)
+        return spec, pixel_samples_of(resolved), traits
+
+    def _traits(
+        self, scene_sha256: str, resolved: RenderSettings, spec: JobSpec, request: JobRequest
+    ) -> Traits:
+        budget_s = resolved.time_budget_s
+        one_image = spec.frames is None
+        settings = resolved.model_dump(mode="json")
+        return Traits(
+            scene_key=scene_sha256,
+            limit_ms=None if budget_s is None else round(budget_s * 1000),
+            cache_key=result_key(scene_sha256, settings, spec.outputs) if one_image else None,
+            use_cache=request.cache and self._settings.result_cache,
+        )
 
 
 def pixel_samples_of(settings: RenderSettings) -> int:

@@ -61,6 +61,8 @@ async def create_job(
         raise
     if created:
         context.metrics.submitted.inc()
+        if job.attempts == 0 and job.state is JobState.SUCCEEDED:
+            context.metrics.note_answer()
     else:
         response.headers["Idempotent-Replayed"] = "true"
     if wait_s := _wait_s(prefer):

@@ -32,7 +32,7 @@ def get_queue(context: InContext) -> QueueStateView:
 
 @router.post("/pause", openapi_extra=_PAUSE_BODY)
 async def pause_queue(request: Request, context: InContext) -> QueueStateView:
-    """Begin no further jobs, also after a restart; those that run go on, and new ones are queued."""
+    """Begin no further jobs, also after a restart; those that run go on, and new ones wait."""
     body = await read_json(request) if await request.body() else {}
     try:
         given = PauseRequest.model_validate(body)

@@ -166,8 +166,9 @@ def test_cancel_keeps_the_partial_image_and_retry_goes_on(
 def test_a_queued_job_knows_its_place_and_can_be_cancelled_or_not_deleted(
     client: httpx.Client, server: Any, ball: dict[str, Any], endless: dict[str, Any]
 ) -> None:
-    waiting = [server.submit(scene={"inline": ball}, settings=QUICK) for _ in range(2)]
-    first = server.submit(scene={"inline": ball}, settings=QUICK, priority=9)
+    quick = {"scene": {"inline": ball}, "settings": QUICK, "cache": False}
+    waiting = [server.submit(**quick) for _ in range(2)]
+    first = server.submit(**quick, priority=9)
     views = [server.job(job["id"]) for job in (first, *waiting)]
     assert [view["queue_position"] for view in views] == [0, 1, 2]
     path = first["links"]["self"]
