@@ -19,9 +19,11 @@ CPP_ARROWS: dict[str, set[str]] = {
     "light": {"math", "sampling", "image", "scene", "texture"},
     "camera": {"math", "sampling", "image", "scene"},
     "medium": {"math", "sampling", "image", "scene"},
-    "accel": {"math", "sampling", "image", "scene"},
+    "isa": set(),
+    "accel": {"math", "sampling", "image", "scene", "isa"},
 }
 CPP_ARROWS["integrator"] = set(CPP_ARROWS)
+CPP_ARROWS["wide"] = set(CPP_ARROWS)
 CPP_ARROWS["render"] = set(CPP_ARROWS)
 CPP_ARROWS["bindings"] = set(CPP_ARROWS)
 

@@ -10,6 +10,7 @@
 #include "bsdf/bsdf.h"
 #include "compiled_scene.h"
 #include "error.h"
+#include "isa/isa.h"
 #include "light/light.h"
 
 namespace py = pybind11;
@@ -250,7 +251,7 @@ py::dict summary(const CompiledScene& s) {
 }  // namespace
 
 void bind_scene(py::module_& m) {
-    m.attr("embree_isa") = Accel::isa();
+    m.def("isa", [] { return isa_name(process_isa()); });
     py::class_<CompiledScene, std::shared_ptr<CompiledScene>>(m, "Scene")
         .def(py::init<>())
         .def("add_image_texture", &add_image_texture, py::arg("pixels"), py::kw_only(),

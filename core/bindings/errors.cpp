@@ -23,6 +23,8 @@ void bind_errors(py::module_&) {
             std::rethrow_exception(p);
         } catch (const SceneError& e) {
             set_python_error("SceneError", e.what(), e.pointer);
+        } catch (const SettingsError& e) {
+            set_python_error("SettingsError", e.what());
         } catch (const ImageError& e) {
             set_python_error("ImageError", e.what());
         } catch (const RenderError& e) {

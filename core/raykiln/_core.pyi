@@ -9,8 +9,12 @@ from numpy.typing import NDArray
 _Vec3: TypeAlias = tuple[float, float, float]
 
 __version__: str
-embree_isa: str
-"""The instruction set that Embree chose on this machine."""
+
+def isa() -> str:
+    """The instruction set of this process: "sse4.2", "avx2" or "avx512".
+
+    Raises `SettingsError` if RAYKILN_ISA names another, or one that this processor lacks.
+    """
 
 class Scene:
     """A scene under construction, then built; indices count from 0, -1 = none."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import platform
 import queue
 import resource
 import threading
@@ -391,5 +390,5 @@ def _denoised(
 
 
 def isa() -> str:
-    """The instruction sets that the bits depend on: the core's, and the ray tracer's here."""
-    return f"{platform.machine()}-v2/embree-{_core.embree_isa}"
+    """The instruction set that the bits depend on."""
+    return _core.isa()

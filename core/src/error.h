@@ -14,6 +14,11 @@ struct SceneError : std::runtime_error {
     std::string pointer;
 };
 
+/// A setting of the render or of the process that cannot be used.
+struct SettingsError : std::runtime_error {
+    using std::runtime_error::runtime_error;
+};
+
 /// An image file that cannot be read or written; the message says why.
 struct ImageError : std::runtime_error {
     using std::runtime_error::runtime_error;

@@ -6,6 +6,7 @@
 #include "accel/embree_api.h"
 #include "accel/sphere_geometry.h"
 #include "error.h"
+#include "isa/isa.h"
 
 namespace raykiln {
 
@@ -103,7 +104,8 @@ struct Accel::Impl {
 };
 
 Accel::Accel(const Scene& scene) : impl_(std::make_unique<Impl>()) {
-    impl_->device = rtcNewDevice(nullptr);
+    const std::string config = std::string("isa=") + isa_name(process_isa());
+    impl_->device = rtcNewDevice(config.c_str());
     if (impl_->device == nullptr) {
         throw RenderError("the ray tracer could not be started");
     }
@@ -162,17 +164,6 @@ Bounds Accel::bounds() const {
 
 std::size_t Accel::memory_bytes() const {
     return static_cast<std::size_t>(std::max<std::int64_t>(0, impl_->memory.load()));
-}
-
-std::string Accel::isa() {
-    if (__builtin_cpu_supports("avx512f") != 0 &&
-        __builtin_cpu_supports("avx512vl") != 0) {
-        return "avx512";
-    }
-    if (__builtin_cpu_supports("avx2") != 0) {
-        return "avx2";
-    }
-    return __builtin_cpu_supports("avx") != 0 ? "avx" : "sse4.2";
 }
 
 }  // namespace raykiln

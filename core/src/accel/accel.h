@@ -24,7 +24,7 @@ struct Hit {
 /// unchanged. Safe to use from many threads at once.
 class Accel {
   public:
-    /// Builds; throws RenderError if memory runs out.
+    /// Builds; throws RenderError if memory runs out, SettingsError if `process_isa` does.
     explicit Accel(const Scene& scene);
     ~Accel();
     Accel(const Accel&) = delete;
@@ -35,8 +35,6 @@ class Accel {
     Bounds bounds() const;
     /// Bytes that the ray tracer has allocated.
     std::size_t memory_bytes() const;
-    /// The instruction set that it runs with here.
-    static std::string isa();
 
   private:
     struct Impl;

@@ -114,20 +114,24 @@ namespace detail {
 using SobolPoint = std::array<std::uint32_t, 4>;
 
 /// What each value of each byte of the index adds to the four coordinates.
-constexpr std::array<std::array<SobolPoint, 256>, 4> sobol_byte_table() {
+constexpr auto sobol_byte_table() {
     std::array<std::array<SobolPoint, 256>, 4> table{};
-    for (std::uint32_t byte = 0; byte < 4; ++byte) {
-        for (std::uint32_t value = 0; value < 256; ++value) {
-            for (int d = 0; d < 4; ++d) {
-                table[byte][value][static_cast<std::size_t>(d)] =
-                    sobol_reversed<std::uint32_t>(value << (8 * byte), d);
+    for (std::size_t byte = 0; byte < 4; ++byte) {
+        for (std::size_t value = 1; value < 256; ++value) {
+            // What the value without its lowest bit adds, and what that bit does.
+            const std::size_t bit = 8 * byte + std::countr_zero(value);
+            SobolPoint x = table[byte][value & (value - 1)];
+            x[0] ^= 1u << bit;
+            for (std::size_t d = 0; d < 3; ++d) {
+                x[d + 1] ^= sobol_columns[d][bit];
             }
+            table[byte][value] = x;
         }
     }
     return table;
 }
 
-inline const auto sobol_bytes = sobol_byte_table();
+inline constexpr auto sobol_bytes = sobol_byte_table();
 
 /// What each value of half byte `part` of the index adds to coordinate `d` + 1.
 constexpr auto sobol_half_byte_table() {
