@@ -83,8 +83,10 @@ PYTHON_ROOMS: dict[str, Room] = {
         {"jobs", "store"},
     ),
     "executors": Room(
-        {"raykiln_service.executors"}, {"jobs", "assets", "renderer", "scene", "image"}
+        {"raykiln_service.executors"},
+        {"jobs", "sandbox", "assets", "renderer", "scene", "image"},
     ),
+    "sandbox": Room({"raykiln_service.sandbox"}, set()),
     "dispatcher": Room(
         {f"raykiln_service.{name}" for name in ("attempt", "attempt_frames", "dispatcher")},
         {"jobs", "store", "assets", "events", "executors"},

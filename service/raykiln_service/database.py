@@ -61,16 +61,25 @@ class Database:
 
     def _open_sqlite(self) -> tuple[Engine, Engine]:
         arguments = {"check_same_thread": False, "timeout": _BUSY_TIMEOUT_S}
-        writer = create_engine(self.url, poolclass=StaticPool, connect_args=arguments)
+        writer = create_engine(
+            self.url, poolclass=StaticPool, connect_args=arguments, hide_parameters=True
+        )
         reader = create_engine(
-            self.url, poolclass=QueuePool, pool_size=4, max_overflow=28, connect_args=arguments
+            self.url,
+            poolclass=QueuePool,
+            pool_size=4,
+            max_overflow=28,
+            connect_args=arguments,
+            hide_parameters=True,
         )
         _prepare_sqlite(writer, "BEGIN IMMEDIATE", _WRITER_PRAGMAS)
         _prepare_sqlite(reader, "BEGIN", _READER_PRAGMAS)
         return writer, reader
 
     def _open(self) -> tuple[Engine, Engine]:
-        engine = create_engine(self.url, pool_size=8, max_overflow=24, pool_pre_ping=True)
+        engine = create_engine(
+            self.url, pool_size=8, max_overflow=24, pool_pre_ping=True, hide_parameters=True
+        )
         return engine, engine
 
     @contextmanager

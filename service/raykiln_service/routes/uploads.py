@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import re
 from collections.abc import AsyncIterator
-from contextlib import AbstractContextManager, asynccontextmanager
+from contextlib import AbstractContextManager, asynccontextmanager, suppress
 from datetime import UTC, datetime
 from email.utils import format_datetime
 from typing import Annotated, Any
@@ -119,7 +119,11 @@ async def head_upload(
     _check_version(tus_resumable)
     upload = await run_in_threadpool(context.uploads.get, upload_id, caller)
     await _interrupt(upload_id)
-    upload = await run_in_threadpool(context.uploads.complete, upload, caller)
+    upload = await run_in_threadpool(context.uploads.get, upload_id, caller)
+    if upload.offset == upload.length:
+        # Killed between the last byte and the asset; or another request is at it right now.
+        with suppress(UploadConflictError):
+            upload = await run_in_threadpool(context.uploads.complete, upload, caller)
     return _reply(200, upload, {"Upload-Length": str(upload.length), "Cache-Control": "no-store"})
 
 
