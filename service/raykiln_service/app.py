@@ -33,7 +33,7 @@ from raykiln_service.errors import (
 )
 from raykiln_service.middleware import Guard, problem_reply
 from raykiln_service.protocol import patient_protocol
-from raykiln_service.routes import about, assets, events, jobs, outputs, queue, uploads
+from raykiln_service.routes import about, assets, events, frames, jobs, outputs, queue, uploads
 from raykiln_service.routes.access import authorize
 from raykiln_service.service import Service
 from raykiln_service.settings import ServiceSettings
@@ -61,7 +61,7 @@ def create_app(service: Service) -> FastAPI:
     )
     app.state.context = service.context
     may = [Depends(authorize)]
-    for part in (jobs, events, outputs, assets, uploads, queue, about):
+    for part in (jobs, events, frames, outputs, assets, uploads, queue, about):
         app.include_router(part.router, dependencies=may)
     app.include_router(events.feed_router, dependencies=may)
     _add_error_handlers(app)

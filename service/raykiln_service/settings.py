@@ -92,6 +92,8 @@ class ServiceSettings(BaseModel):
     """Time between clean-ups."""
     max_queued: Annotated[int, Field(ge=1)] = 100_000
     """Jobs that may wait; more are answered with 429."""
+    max_frames: Annotated[int, Field(ge=1, le=100_000)] = 2000
+    """Frames that one job may ask for."""
     max_attempts: Annotated[int, Field(ge=1, le=100)] = 3
     """Attempts of a job that crashes its render process."""
     lease_s: Annotated[float, Field(gt=0)] = 30.0

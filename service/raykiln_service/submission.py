@@ -21,6 +21,7 @@ from raykiln_service.errors import (
     InvalidSettingsError,
 )
 from raykiln_service.files import remove_tree
+from raykiln_service.framing import checked_outputs, plan_frames
 from raykiln_service.jobs import Job, JobSpec, new_job_id
 from raykiln_service.rows import dump
 from raykiln_service.schemas import JobRequest
@@ -139,14 +140,15 @@ class Submissions:
         spec = JobSpec(
             scene=scene,
             settings=request.settings.model_dump(mode="json", exclude_unset=True),
-            outputs=tuple(dict.fromkeys(request.outputs)),
+            outputs=checked_outputs(request.outputs, request.frames),
             priority=request.priority,
             labels=request.labels,
             warnings=tuple(report["warnings"]),
+            **self._frames(request, resolved, report),
         )
         scene_sha256 = report["summary"]["scene_sha256"]
         traits = self._traits(scene_sha256, resolved, spec, request)
-        return spec, pixel_samples_of(resolved), traits
+        return spec, pixel_samples_of(resolved) * max(1, len(spec.planned)), traits
 
     def _traits(
         self, scene_sha256: str, resolved: RenderSettings, spec: JobSpec, request: JobRequest
@@ -156,10 +158,25 @@ class Submissions:
         settings = resolved.model_dump(mode="json")
         return Traits(
             scene_key=scene_sha256,
-            limit_ms=None if budget_s is None else round(budget_s * 1000),
+            limit_ms=None
+            if budget_s is None
+            else round(budget_s * 1000) * max(1, len(spec.planned)),
             cache_key=result_key(scene_sha256, settings, spec.outputs) if one_image else None,
             use_cache=request.cache and self._settings.result_cache,
         )
+
+
+    def _frames(
+        self, request: JobRequest, resolved: RenderSettings, report: Mapping[str, Any]
+    ) -> dict[str, Any]:
+        """The fields of a `JobSpec` that say which frames there are."""
+        if request.frames is None:
+            return {}
+        planned = plan_frames(
+            request.frames, request.settings, resolved, report, self._settings.max_frames
+        )
+        wanted = request.frames.model_dump(mode="json", exclude_unset=True)
+        return {"frames": wanted, "planned": planned}
 
 
 def pixel_samples_of(settings: RenderSettings) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +13,8 @@ from raykiln_service.executors.process import JsonChild
 
 _MODULE = "raykiln_service.executors.gather"
 _TICK_S = 0.1
+# It tells of each frame; one that is silent for longer hangs.
+_SILENCE_S = 300.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,12 +33,17 @@ def gather(task: Gathering, watcher: Watcher, module: str = _MODULE) -> Outcome:
     child = JsonChild(module, on_line=watcher.log)
     try:
         child.send(_request(task))
+        heard_at = time.monotonic()
         while True:
             message = child.receive(_TICK_S)
             if message is None:
                 return _broken(f"the process that gathers the frames {child.reap()}")
             if watcher.stop_reason() is not None:
                 return Outcome(OutcomeKind.STOPPED)
+            if message:
+                heard_at = time.monotonic()
+            elif time.monotonic() - heard_at > _SILENCE_S:
+                return _broken("the process that gathers the frames hangs")
             match message.get("type"):
                 case "progress":
                     watcher.progress({"phase": "gather", "fraction": float(message["share"])})
@@ -49,6 +57,7 @@ def gather(task: Gathering, watcher: Watcher, module: str = _MODULE) -> Outcome:
 
 def _request(task: Gathering) -> Mapping[str, Any]:
     return {
+        "type": "gather",
         "frames": [[number, str(path)] for number, path in task.frames],
         "outputs": list(task.outputs),
         "fps": task.fps,

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import threading
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,12 +13,11 @@ from fastapi import APIRouter, Query, Request, Response
 from raykiln.image import View, encode_png, read_exr_layers, to_png_pixels
 
 from raykiln_service.errors import InvalidRequestError, NotFoundError
-from raykiln_service.jobs import Job
 from raykiln_service.routes.context import ERRORS, Context, InContext, file_reply, matches
 from raykiln_service.schemas import OutputView
 
 router = APIRouter(prefix="/v1/jobs/{job_id}", tags=["outputs"], responses=ERRORS)
-_LOG = "log.txt"
+LOG_NAME = "log.txt"
 # Views of large images take memory; more than this at once must wait.
 _VIEWS_AT_ONCE = threading.BoundedSemaphore(2)
 
@@ -52,39 +52,50 @@ def get_output(
     `exposure` (stops) and `view` make another picture of a `.png` from its EXR.
     """
     job = context.store.job(job_id)
-    if name == _LOG:
-        path = context.assets.job_dir(job_id) / _LOG
+    if name == LOG_NAME:
+        path = context.assets.job_dir(job_id) / LOG_NAME
         return file_reply(request, path, "text/plain; charset=utf-8", fresh=True)
+    if not job.result:
+        where = "" if job.spec.frames is None else "; its frames have, as they are finished"
+        raise NotFoundError(f"job {job.id} is {job.state} and has no outputs{where}", found=name)
+    return reply_with(request, context, job_id, job.result, name, exposure, view, f"job {job_id}")
+
+
+def reply_with(
+    request: Request,
+    context: Context,
+    job_id: str,
+    result: Mapping[str, Any],
+    name: str,
+    exposure: float,
+    view: str,
+    what: str,
+) -> Response:
+    """The reply with a file of a result, or with a picture made of one for another view."""
     developed = exposure != 0.0 or view != "srgb"
     if developed and not name.endswith(".png"):
         raise InvalidRequestError(
             "exposure and view go with pictures only", found=name, accepted="image.png"
         )
-    if not developed and (file := _file_of(job, name)) is not None:
+    if not developed and (file := _file_of(result, name)) is not None:
         inner, media_type, digest = file
         place = context.assets.job_dir(job_id) / inner
         return file_reply(request, place, media_type, etag=f'"{digest}"')
-    source = _file_of(job, f"{name.removesuffix('.png')}.exr") if name.endswith(".png") else None
+    stem = name.removesuffix(".png")
+    source = None if stem == name else _file_of(result, f"{stem}.exr")
     if source is None:
-        raise _missing(job, name)
+        names = [file["name"] for file in result.get("files", ())]
+        raise NotFoundError(
+            f"{what} has no such output", found=name, accepted=", ".join([*names, LOG_NAME])
+        )
     return _developed(request, context, job_id, source, exposure, view)
 
 
-def _file_of(job: Job, name: str) -> tuple[str, str, str] | None:
-    result = job.result or {}
+def _file_of(result: Mapping[str, Any], name: str) -> tuple[str, str, str] | None:
     for file in result.get("files", ()):
         if file["name"] == name:
             return f"{result['dir']}/{name}", file["media_type"], file["sha256"]
     return None
-
-
-def _missing(job: Job, name: str) -> NotFoundError:
-    names = [file["name"] for file in (job.result or {}).get("files", ())]
-    if not names:
-        return NotFoundError(f"job {job.id} is {job.state} and has no outputs", found=name)
-    return NotFoundError(
-        f"job {job.id} has no such output", found=name, accepted=", ".join([*names, _LOG])
-    )
 
 
 def _developed(
