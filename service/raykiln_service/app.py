@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import errno
 import signal
 import socket
@@ -21,6 +22,7 @@ from sqlalchemy.exc import OperationalError, SQLAlchemyError
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
 from starlette.requests import ClientDisconnect
+from starlette.routing import Match, Route
 
 from raykiln_service import logs
 from raykiln_service.errors import (
@@ -32,13 +34,14 @@ from raykiln_service.errors import (
     error_of_status,
 )
 from raykiln_service.middleware import Guard, problem_reply
-from raykiln_service.protocol import patient_protocol
+from raykiln_service.protocol import connections_allowed, patient_protocol
 from raykiln_service.routes import about, assets, events, frames, jobs, outputs, queue, uploads
 from raykiln_service.routes.access import authorize
 from raykiln_service.service import Service
 from raykiln_service.settings import ServiceSettings
 
 _DRAIN_S = 2
+_UPKEEP_S = 600.0
 _NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
 
 
@@ -48,7 +51,9 @@ def create_app(service: Service) -> FastAPI:
     @asynccontextmanager
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
         await run_in_threadpool(service.start)
+        upkeep = asyncio.create_task(_keep_up(service))
         yield
+        upkeep.cancel()
         await run_in_threadpool(service.close)
 
     app = FastAPI(
@@ -60,14 +65,26 @@ def create_app(service: Service) -> FastAPI:
         redoc_url=None,
     )
     app.state.context = service.context
-    may = [Depends(authorize)]
-    for part in (jobs, events, frames, outputs, assets, uploads, queue, about):
-        app.include_router(part.router, dependencies=may)
-    app.include_router(events.feed_router, dependencies=may)
+    parts = (jobs, events, frames, outputs, assets, uploads, queue, about)
+    routers = [*(part.router for part in parts), events.feed_router]
+    for router in routers:
+        app.include_router(router, dependencies=[Depends(authorize)])
+    app.state.routes = [route for router in routers for route in router.routes]
     _add_error_handlers(app)
     app.add_middleware(Guard, settings=service.settings, tokens=service.tokens)
     app.openapi = lambda: _openapi(app)  # type: ignore[method-assign]
     return app
+
+
+async def _keep_up(service: Service) -> None:
+    """Forget what has expired, from time to time."""
+    while True:
+        await asyncio.sleep(_UPKEEP_S)
+        try:
+            await run_in_threadpool(service.uploads.prune)
+            await run_in_threadpool(service.store.prune_keys)
+        except (ServiceError, SQLAlchemyError, OSError) as error:
+            logs.get_logger().warning("clean-up did not work", exc_info=error)
 
 
 def serve(settings: ServiceSettings) -> None:
@@ -91,7 +108,9 @@ def serve(settings: ServiceSettings) -> None:
             raise
         config = uvicorn.Config(
             create_app(service),
-            http=patient_protocol(settings.request_timeout_s),
+            http=patient_protocol(
+                settings.request_timeout_s, connections_allowed(settings.max_connections)
+            ),
             ws="none",
             log_config=None,
             access_log=False,
@@ -142,11 +161,14 @@ def _add_error_handlers(app: FastAPI) -> None:
     @app.exception_handler(HTTPException)
     async def _http_error(request: Request, error: HTTPException) -> Response:
         detail = error.detail
+        headers = dict(error.headers or {})
         if error.status_code == 404:
             detail = f"there is nothing at {request.url.path}"
         elif error.status_code == 405:
             detail = f"{request.method} is not allowed at {request.url.path}"
-        return problem_reply(error_of_status(error.status_code, detail, error.headers))
+            # The framework names only the methods of the first route of this path.
+            headers["Allow"] = ", ".join(_methods_at(request))
+        return problem_reply(error_of_status(error.status_code, detail, headers))
 
     @app.exception_handler(RequestValidationError)
     async def _invalid(_request: Request, error: RequestValidationError) -> Response:
@@ -162,6 +184,14 @@ def _add_error_handlers(app: FastAPI) -> None:
 
     for kind in (OSError, SQLAlchemyError, Exception):
         app.add_exception_handler(kind, _unexpected)
+
+
+def _methods_at(request: Request) -> list[str]:
+    found: set[str] = set()
+    for route in request.app.state.routes:
+        if isinstance(route, Route) and route.matches(request.scope)[0] is not Match.NONE:
+            found |= route.methods or set()
+    return sorted(found)
 
 
 def _parameter_error(error: RequestValidationError) -> InvalidRequestError:

@@ -1,30 +1,51 @@
-"""uvicorn's HTTP/1.1 protocol with a deadline for the head of a request."""
+"""uvicorn's HTTP/1.1 protocol with an end to its patience, and to how many it serves at once."""
 
 from __future__ import annotations
 
 import asyncio
+import json
+import resource
 from typing import Any
 
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
+from raykiln_service.errors import UnavailableError
+
+_OWN_FILES = 512
+"""Files and pipes of the service itself: database, renders, uploads."""
+
 
 class PatientProtocol(H11Protocol):
-    """Closes a connection whose request line and headers take too long to arrive.
+    """Closes a connection whose head takes too long, or that does not read what it asked for.
 
     uvicorn itself waits for ever, so that a few slow clients could hold all its connections.
     """
 
-    head_timeout_s = 30.0
+    patience_s = 30.0
+    max_connections = 4096
     _head_timer: asyncio.TimerHandle | None = None
+    _read_timer: asyncio.TimerHandle | None = None
+    _unread = 0
+    _is_counted = False
+    # Of all connections of the service, which has one event loop.
+    _count = [0]
 
     def connection_made(self, transport: Any) -> None:
         """A client has connected."""
         super().connection_made(transport)
+        if self._count[0] >= self.max_connections:
+            transport.write(_TOO_MANY)
+            transport.close()
+            return
+        self._count[0] += 1
+        self._is_counted = True
         self._expect_head()
 
     def data_received(self, data: bytes) -> None:
         """Bytes have come."""
+        if self.transport.is_closing():
+            return
         super().data_received(data)
         if self.conn.their_state is not h11.IDLE:
             self._drop_timer()
@@ -35,10 +56,39 @@ class PatientProtocol(H11Protocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """The connection has ended."""
         self._drop_timer()
+        self._stop_watching()
+        if self._is_counted:
+            self._count[0] -= 1
+            self._is_counted = False
         super().connection_lost(exc)
 
+    def pause_writing(self) -> None:
+        """The client does not keep up with what it is sent."""
+        super().pause_writing()
+        self._unread = self.transport.get_write_buffer_size()
+        self._read_timer = self.loop.call_later(self.patience_s, self._check_reading)
+
+    def resume_writing(self) -> None:
+        """It does again."""
+        self._stop_watching()
+        super().resume_writing()
+
+    def _check_reading(self) -> None:
+        unread = self.transport.get_write_buffer_size()
+        if unread >= self._unread:
+            # Nothing was taken all this time.
+            self.transport.abort()
+            return
+        self._unread = unread
+        self._read_timer = self.loop.call_later(self.patience_s, self._check_reading)
+
+    def _stop_watching(self) -> None:
+        if self._read_timer is not None:
+            self._read_timer.cancel()
+            self._read_timer = None
+
     def _expect_head(self) -> None:
-        self._head_timer = self.loop.call_later(self.head_timeout_s, self._give_up)
+        self._head_timer = self.loop.call_later(self.patience_s, self._give_up)
 
     def _give_up(self) -> None:
         self._head_timer = None
@@ -51,6 +101,33 @@ class PatientProtocol(H11Protocol):
             self._head_timer = None
 
 
-def patient_protocol(timeout_s: float) -> type[PatientProtocol]:
-    """The protocol with a deadline of so many seconds (uvicorn makes it without arguments)."""
-    return type("PatientProtocol", (PatientProtocol,), {"head_timeout_s": timeout_s})
+def patient_protocol(timeout_s: float, max_connections: int) -> type[PatientProtocol]:
+    """The protocol with these limits (uvicorn makes it without arguments)."""
+    limits = {"patience_s": timeout_s, "max_connections": max_connections, "_count": [0]}
+    return type("PatientProtocol", (PatientProtocol,), limits)
+
+
+def connections_allowed(wanted: int) -> int:
+    """Raise the process's limit of open files as far as it goes; how many connections it bears."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    needed = wanted + _OWN_FILES
+    if soft != resource.RLIM_INFINITY and soft < needed:
+        soft = needed if hard == resource.RLIM_INFINITY else min(hard, needed)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+    if soft == resource.RLIM_INFINITY:
+        return wanted
+    # A reply from a file takes a second descriptor, so not all may be connections.
+    return max(16, min(wanted, soft - min(_OWN_FILES, soft // 2)))
+
+
+def _too_many() -> bytes:
+    error = UnavailableError("the service has too many connections", headers={"Retry-After": "5"})
+    body = json.dumps(error.problem()).encode()
+    head = (
+        "HTTP/1.1 503 Service Unavailable\r\nContent-Type: application/problem+json\r\n"
+        f"Retry-After: 5\r\nConnection: close\r\nContent-Length: {len(body)}\r\n\r\n"
+    )
+    return head.encode() + body
+
+
+_TOO_MANY = _too_many()

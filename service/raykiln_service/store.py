@@ -234,6 +234,11 @@ class Store(LeaseStore, QueueStore):
         except NotFoundError:
             raise GoneError(f"job {job_id}, which this request made, has been deleted") from None
 
+    def prune_keys(self) -> int:
+        """Forget the idempotency keys of more than a day ago; how many there were."""
+        with self.database.write() as connection:
+            return prune_keys(connection, self.clock())
+
     def owner_of(self, job_id: str) -> str | None:
         """The token that submitted a job; `NotFoundError` if there is no such job."""
         with self.database.read() as connection:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,7 +13,7 @@ from fastapi import Depends, Request, Response
 from fastapi.responses import FileResponse
 
 from raykiln_service.assets import AssetStore
-from raykiln_service.errors import MalformedRequestError, NotFoundError
+from raykiln_service.errors import MalformedRequestError, MediaTypeError, NotFoundError
 from raykiln_service.events import EventHub
 from raykiln_service.jobs import Job, JobState
 from raykiln_service.metrics import Metrics
@@ -48,6 +48,8 @@ class Context:
     queue: QueueWatch
     readiness: Callable[[], dict[str, str]]
     """"ok" or what is wrong, by part."""
+    sandbox: Mapping[str, str]
+    """What confines the processes that read scenes, by layer; empty = they are not confined."""
 
     def view(self, job: Job) -> JobView:
         """A job as clients see it."""
@@ -87,7 +89,10 @@ InContext = Annotated[Context, Depends(_context)]
 
 
 async def read_json(request: Request) -> Any:
-    """The decoded body; `MalformedRequestError` if it is no JSON."""
+    """The decoded body; `MalformedRequestError` if it is no JSON, `MediaTypeError` if it says so."""
+    kind = request.headers.get("content-type", "application/json").split(";")[0].strip().lower()
+    if kind != "application/json" and not kind.endswith("+json"):
+        raise MediaTypeError(found=kind[:100], accepted="application/json")
     body = await request.body()
     try:
         value = json.loads(body)

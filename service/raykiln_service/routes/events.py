@@ -67,7 +67,9 @@ async def all_events(context: InContext, caller: InCaller) -> Response:
     the list of jobs.  A slow reader gets the latest of each job.
     """
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
-    return StreamingResponse(_feed(context, caller), media_type="text/event-stream", headers=headers)
+    return StreamingResponse(
+        _feed(context, caller), media_type="text/event-stream", headers=headers
+    )
 
 
 async def _feed(context: Context, caller: Caller) -> AsyncIterator[str]:

@@ -6,8 +6,10 @@ import asyncio
 import base64
 import binascii
 import re
+from functools import partial
 from typing import Annotated, Any
 
+from anyio import CapacityLimiter, to_thread
 from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
@@ -22,6 +24,8 @@ router = APIRouter(prefix="/v1/jobs", tags=["jobs"], responses=ERRORS)
 _WAIT = re.compile(r"(?:^|[,;\s])wait\s*=\s*(\d{1,9})")
 _MAX_WAIT_S = 120
 _MAX_KEY = 255
+# Checks of scenes may take long: they must not use up the threads that all other calls need.
+_SUBMITTING = CapacityLimiter(16)
 _REQUEST_BODY = {
     "requestBody": {
         "required": True,
@@ -55,7 +59,8 @@ async def create_job(
     _check_key(idempotency_key)
     body = await read_json(request)
     try:
-        job, created = await run_in_threadpool(context.submissions.submit, body, idempotency_key, caller)
+        submit = partial(context.submissions.submit, body, idempotency_key, caller)
+        job, created = await to_thread.run_sync(submit, limiter=_SUBMITTING)
     except ServiceError as error:
         context.metrics.rejected.labels(error.slug).inc()
         raise
