@@ -50,6 +50,7 @@ RenderOptions options_of(const py::dict& d) {
                                : name == "bsdf" ? Strategy::bsdf_only
                                                 : Strategy::mis;
     }
+    o.reference = d.contains("reference") && d["reference"].cast<bool>();
     const int max_depth = d["max_depth"].cast<int>();
     o.estimator.max_depth = max_depth < 0 ? 1 << 30 : max_depth;
     o.estimator.rr_depth = d["rr_depth"].cast<int>();

@@ -153,7 +153,7 @@ TEST(Furnace, RoughPlasticMakesNoEnergy) {
 }
 
 /// Albedo of a GGX surface towards a direction for Schlick's two ends, by a fine grid.
-GgxAlbedo fine_albedo(float alpha, const Vec3f& out) {
+GgxAlbedo<float> fine_albedo(float alpha, const Vec3f& out) {
     constexpr int side = 256;
     const Microfacet<float> facet = test::ggx(alpha, alpha);
     double sums[2] = {0, 0};
@@ -185,8 +185,8 @@ TEST(Furnace, TableOfAlbedos) {
         for (const int degrees : above_angles) {
             const float alpha = max(roughness * roughness, min_alpha);
             const Vec3f out = test::direction_of_degrees(degrees);
-            const GgxAlbedo exact = fine_albedo(alpha, out);
-            const GgxAlbedo found = ggx_albedo(alpha, out.z);
+            const GgxAlbedo<float> exact = fine_albedo(alpha, out);
+            const GgxAlbedo<float> found = ggx_albedo(alpha, out.z);
             EXPECT_NEAR(found.at_f0, exact.at_f0, table_error)
                 << roughness << ", " << degrees;
             EXPECT_NEAR(found.at_f90, exact.at_f90, table_error)

@@ -159,7 +159,7 @@ TEST(EnvironmentLight, DirectionsFollowTheDensity) {
 TEST(EnvironmentLight, ConstantIsUniform) {
     const auto pdf = [](const Vec3f&) { return 0.25f * inv_pi; };
     expect_density(EnvironmentLight{}, {1, 2, 3}, pdf, as_is, 115);
-    EXPECT_EQ(pdf_environment(EnvironmentLight{}, {0, 1, 0}), 0.25f * inv_pi);
+    EXPECT_EQ(pdf_environment(EnvironmentLight{}, Vec3f{0, 1, 0}), 0.25f * inv_pi);
 }
 
 TEST(EnvironmentLight, SampledDensityIsTheDensityThere) {

@@ -156,6 +156,27 @@ bool Accel::occluded(const Ray& ray) const {
     return r.tfar < 0.0f;
 }
 
+template <int N>
+void Accel::intersect(RayPacket<N>& packet, bool coherent) const {
+    embree_intersect(impl_->group_scenes[0], packet, coherent);
+    for (int i = 0; i < N; ++i) {
+        const bool none = packet.instance[i] == no_index;
+        packet.instance[i] -= none ? 0 : impl_->first_instance;
+    }
+}
+
+template <int N>
+void Accel::occluded(RayPacket<N>& packet) const {
+    embree_occluded(impl_->group_scenes[0], packet);
+}
+
+template void Accel::intersect<4>(RayPacket<4>&, bool) const;
+template void Accel::intersect<8>(RayPacket<8>&, bool) const;
+template void Accel::intersect<16>(RayPacket<16>&, bool) const;
+template void Accel::occluded<4>(RayPacket<4>&) const;
+template void Accel::occluded<8>(RayPacket<8>&) const;
+template void Accel::occluded<16>(RayPacket<16>&) const;
+
 Bounds Accel::bounds() const {
     RTCBounds b;
     rtcGetSceneBounds(impl_->group_scenes[0], &b);

@@ -3,6 +3,7 @@
 #include <memory>
 #include <string>
 
+#include "accel/packet.h"
 #include "math/ray.h"
 #include "scene/scene.h"
 
@@ -24,7 +25,8 @@ struct Hit {
 /// unchanged. Safe to use from many threads at once.
 class Accel {
   public:
-    /// Builds; throws RenderError if memory runs out, SettingsError if `process_isa` does.
+    /// Builds; throws RenderError if memory runs out, SettingsError if `process_isa`
+    /// does.
     explicit Accel(const Scene& scene);
     ~Accel();
     Accel(const Accel&) = delete;
@@ -32,6 +34,15 @@ class Accel {
 
     Hit intersect(const Ray& ray) const;
     bool occluded(const Ray& ray) const;
+
+    /// The same for N = 4, 8 or 16 rays at once. `coherent`: they start and go nearly
+    /// alike. Instances are numbered as in Scene::instances, no_index for none. A lane's
+    /// result does not depend on the other lanes, but for which of two surfaces at
+    /// exactly the same distance is met.
+    template <int N>
+    void intersect(RayPacket<N>& packet, bool coherent) const;
+    template <int N>
+    void occluded(RayPacket<N>& packet) const;
     Bounds bounds() const;
     /// Bytes that the ray tracer has allocated.
     std::size_t memory_bytes() const;

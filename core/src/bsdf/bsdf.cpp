@@ -1,78 +1,11 @@
-#include "bsdf/bsdf.h"
-
-#include "texture/texture.h"
+#include "bsdf/make_bsdf.h"
 
 namespace raykiln {
 
-namespace {
-
-using Textures = std::vector<Texture>;
-
-Microfacet<float> evaluate_surface(const MicrofacetSlots& s, const Textures& textures,
-                                   Vec2f uv) {
-    return {max(evaluate(s.alpha_u, textures, uv), min_alpha),
-            max(evaluate(s.alpha_v, textures, uv), min_alpha), s.beckmann};
-}
-
-/// Colours that a texture pushes over 1 would make energy.
-Vec3f bounded(const Vec3f& c) {
-    return {clamp(c.x, 0.0f, 1.0f), clamp(c.y, 0.0f, 1.0f), clamp(c.z, 0.0f, 1.0f)};
-}
-
-struct Evaluate {
-    const Textures& textures;
-    Vec2f uv;
-
-    Vec3f color(const ColorSlot& slot) const {
-        return bounded(evaluate(slot, textures, uv));
-    }
-    float number(const FloatSlot& slot) const {
-        return clamp(evaluate(slot, textures, uv), 0.0f, 1.0f);
-    }
-
-    Bsdf operator()(const DiffuseMaterial& m) const {
-        return Diffuse<float>{color(m.reflectance)};
-    }
-    Bsdf operator()(const ConductorMaterial& m) const {
-        return Conductor<float>{m.eta, m.k, color(m.reflectance),
-                                evaluate_surface(m.surface, textures, uv),
-                                m.surface.smooth()};
-    }
-    Bsdf operator()(const DielectricMaterial& m) const {
-        // Refraction without a change of index has no half vector.
-        const bool smooth = m.surface.smooth() || std::fabs(m.eta - 1.0f) < 1e-3f;
-        return Dielectric<float>{m.eta,
-                                 color(m.reflectance),
-                                 color(m.transmittance),
-                                 evaluate_surface(m.surface, textures, uv),
-                                 smooth,
-                                 m.thin};
-    }
-    Bsdf operator()(const PlasticMaterial& m) const {
-        return Plastic<float>{m.eta,
-                              color(m.diffuse),
-                              color(m.specular),
-                              evaluate_surface(m.surface, textures, uv),
-                              &m.table,
-                              m.surface.smooth(),
-                              m.nonlinear};
-    }
-    Bsdf operator()(const PrincipledMaterial& m) const {
-        const float f0 = sqr((m.ior - 1.0f) / (m.ior + 1.0f));
-        const float specular = number(m.specular);
-        // The tint may exceed 1; only the product is bounded (KHR_materials_specular).
-        const Vec3f tint = evaluate(m.specular_color, textures, uv);
-        const float alpha = max(sqr(number(m.roughness)), min_alpha);
-        return Principled<float>{
-            color(m.base_color), bounded(tint * f0) * specular, specular,
-            number(m.metallic),  number(m.transmission),        {alpha, alpha, false}};
-    }
-};
-
-}  // namespace
-
-Bsdf make_bsdf(const Material& material, const Textures& textures, Vec2f uv) {
-    return std::visit(Evaluate{textures, uv}, material.kind);
+Bsdf make_bsdf(const Material& material, const std::vector<Texture>& textures, Vec2f uv) {
+    const detail::Parameters<float> at{textures, uv};
+    return std::visit([&](const auto& kind) -> Bsdf { return make_bsdf(kind, at); },
+                      material.kind);
 }
 
 bool is_specular(const Bsdf& bsdf) {
@@ -86,26 +19,11 @@ bool is_specular(const Bsdf& bsdf) {
 }
 
 bool is_transmissive(const Bsdf& bsdf) {
-    if (const auto* p = std::get_if<Principled<float>>(&bsdf)) {
-        return p->transmission > 0.0f;
-    }
-    return std::holds_alternative<Dielectric<float>>(bsdf);
+    return std::visit([](const auto& b) -> bool { return is_transmissive(b); }, bsdf);
 }
 
 Vec3f albedo(const Bsdf& bsdf) {
-    struct Albedo {
-        Vec3f operator()(const Diffuse<float>& b) const { return b.reflectance; }
-        Vec3f operator()(const Conductor<float>& b) const {
-            return fresnel_conductor(1.0f, b.eta, b.k) * b.reflectance;
-        }
-        Vec3f operator()(const Dielectric<float>& b) const {
-            const float r = fresnel_dielectric(1.0f, b.eta).reflectance;
-            return b.reflectance * r + b.transmittance * (1.0f - r);
-        }
-        Vec3f operator()(const Plastic<float>& b) const { return b.diffuse; }
-        Vec3f operator()(const Principled<float>& b) const { return b.base_color; }
-    };
-    return std::visit(Albedo{}, bsdf);
+    return std::visit([](const auto& b) { return albedo(b); }, bsdf);
 }
 
 namespace {

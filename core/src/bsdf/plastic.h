@@ -1,6 +1,7 @@
 #pragma once
 
 #include "bsdf/fresnel.h"
+#include "bsdf/ggx_albedo.h"
 #include "bsdf/microfacet.h"
 #include "bsdf/sample.h"
 #include "scene/material.h"
@@ -19,6 +20,13 @@ struct Plastic {
     bool smooth = false;
     bool nonlinear = false;
 };
+
+template <class F>
+inline F interpolate_transmittance(const InterfaceTable& table, F cosine) {
+    const detail::Place<F> at(cosine, InterfaceTable::size);
+    return lerp(gather(table.transmittance, at.node),
+                gather(table.transmittance, at.node + Uint<F>(1u)), at.rest);
+}
 
 namespace detail {
 
@@ -50,13 +58,6 @@ inline F coat_probability(const Plastic<F>& b, F transmittance) {
 }
 
 }  // namespace detail
-
-inline float interpolate_transmittance(const InterfaceTable& table, float cosine) {
-    const float x = clamp(cosine, 0.0f, 1.0f) * (InterfaceTable::size - 1);
-    const int i = std::min(static_cast<int>(x), InterfaceTable::size - 2);
-    return lerp(table.transmittance[i], table.transmittance[i + 1],
-                x - static_cast<float>(i));
-}
 
 template <class F>
 inline BsdfValue<F> evaluate(const Plastic<F>& b, const Vec3<F>& dir_out,

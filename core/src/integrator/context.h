@@ -77,7 +77,6 @@ bool visible(const Context& c, const Surface& s, const LightSample& light,
 /// Radiance along a camera ray.
 Vec3f estimate_path(const Context& c, const Ray& ray, FirstHit& first);
 Vec3f estimate_whitted(const Context& c, const Ray& ray, FirstHit& first);
-Vec3f estimate_direct(const Context& c, const Ray& ray, FirstHit& first);
 Vec3f estimate_ao(const Context& c, const Ray& ray, FirstHit& first);
 
 /// The vertex that a ray was sent from, as far as light sampling there could have found

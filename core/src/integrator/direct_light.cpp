@@ -1,6 +1,5 @@
 #include "integrator/context.h"
-#include "light/environment.h"
-#include "sampling/warp.h"
+#include "light/sample_light.h"
 
 namespace raykiln {
 
@@ -91,7 +90,7 @@ Vec3f met_radiance(const Context& c, const Surface& s, const Vec3f& direction,
         return Vec3f(0.0f);
     }
     const bool front = dot(s.normal, direction) < 0.0f;
-    const Vec3f radiance = emitted_radiance(c.scene, s.emission, s.uv, front);
+    const Vec3f radiance = emitted_radiance<float>(c.scene, s.emission, s.uv, front);
     if (origin.pdf_bsdf <= 0.0f || max_component(radiance) <= 0.0f) {
         return radiance;
     }

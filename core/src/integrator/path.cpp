@@ -44,7 +44,6 @@ Vec3f estimate_path(const Context& c, const Ray& camera_ray, FirstHit& first) {
         eta_scale *= next.eta;
         origin = {receiver_of(s, bsdf), next.specular ? 0.0f : next.pdf_solid_angle};
         ray = spawn_ray(s, normalize(s.shading.to_world(next.dir_in)));
-        ++c.counts.bounce;
 
         // Russian roulette: end paths that carry little, make up for it in the others.
         if (c.settings.rr_depth >= 0 && depth >= c.settings.rr_depth) {
@@ -54,14 +53,8 @@ Vec3f estimate_path(const Context& c, const Ray& camera_ray, FirstHit& first) {
             }
             throughput *= 1.0f / survival;
         }
+        ++c.counts.bounce;
     }
-}
-
-/// Emission and light from one bounce.
-Vec3f estimate_direct(const Context& c, const Ray& ray, FirstHit& first) {
-    EstimatorSettings one_bounce = c.settings;
-    one_bounce.max_depth = std::min(one_bounce.max_depth, 2);
-    return estimate_path({c.scene, c.accel, one_bounce, c.key, c.counts}, ray, first);
 }
 
 }  // namespace raykiln

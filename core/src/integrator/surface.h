@@ -2,21 +2,37 @@
 
 #include "accel/accel.h"
 #include "bsdf/bsdf.h"
+#include "integrator/geometry.h"
 
 namespace raykiln {
 
-/// A point on a surface, ready to be shaded.
-struct Surface {
-    Vec3f p;
-    Vec3f normal;          ///< geometric, unit, outside
-    Frame<float> shading;  ///< interpolated and mapped normal; flipped towards `dir_out`
-                           ///< if two-sided
-    Vec2f uv;
-    float error;  ///< how far to move a ray's origin off the surface
+/// A point on a surface, with what it is made of.
+struct Surface : SurfacePoint<float> {
     const Material* material = nullptr;
     std::uint32_t emission = no_index;
     std::uint32_t light = no_index;  ///< index into Scene::lights if it emits
 };
+
+/// The shape that a hit lies on.
+struct ShapeOfHit {
+    const Mesh* mesh = nullptr;
+    const Sphere* sphere = nullptr;
+    const Instance* instance = nullptr;
+
+    std::uint32_t material() const {
+        return mesh != nullptr ? mesh->material : sphere->material;
+    }
+    std::uint32_t emission() const {
+        return mesh != nullptr ? mesh->emission : sphere->emission;
+    }
+    bool flip() const {
+        return mesh != nullptr ? mesh->flip_normals : sphere->flip_normals;
+    }
+};
+ShapeOfHit shape_of(const Scene& scene, const Hit& hit);
+
+/// The light, if any, that a hit lies on: index into Scene::lights, or no_index.
+std::uint32_t light_of(const Scene& scene, const Hit& hit);
 
 /// The surface at a hit; `dir_out` points back along the ray.
 Surface make_surface(const Scene& scene, const Hit& hit, const Ray& ray);

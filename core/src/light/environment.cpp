@@ -55,37 +55,4 @@ void prepare_environment(EnvironmentLight& light, const std::vector<Texture>& te
     light.distribution = Distribution2D(weights, width, height);
 }
 
-Vec3f environment_radiance(const EnvironmentLight& light,
-                           const std::vector<Texture>& textures, const Vec3f& direction) {
-    if (light.map == no_texture) {
-        return light.scale;
-    }
-    const Vec3f local = light.world_from_light.to_local(direction);
-    return light.scale * lookup(map_of(light, textures), uv_of_direction(local)).rgb;
-}
-
-float pdf_environment(const EnvironmentLight& light, const Vec3f& direction) {
-    if (light.map == no_texture) {
-        return 0.25f * inv_pi;
-    }
-    const Vec3f local = light.world_from_light.to_local(direction);
-    const float sine = sine_to_axis(local);
-    if (sine <= 0.0f) {
-        return 0.0f;
-    }
-    return light.distribution.pdf(uv_of_direction(local)) / (2.0f * pi * pi * sine);
-}
-
-Vec3f sample_environment(const EnvironmentLight& light, float u, float v, float& pdf) {
-    if (light.map == no_texture) {
-        pdf = 0.25f * inv_pi;
-        return light.world_from_light.to_world(sample_sphere(u, v));
-    }
-    const Vec2f uv = light.distribution.sample(u, v, pdf);
-    const Vec3f local = direction_of_uv(uv);
-    const float sine = sine_to_axis(local);
-    pdf = sine > 0.0f ? pdf / (2.0f * pi * pi * sine) : 0.0f;
-    return light.world_from_light.to_world(local);
-}
-
 }  // namespace raykiln

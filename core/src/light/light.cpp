@@ -1,127 +1,40 @@
 #include "light/light.h"
 
-#include "light/environment.h"
-#include "math/ray.h"
-#include "sampling/warp.h"
-#include "texture/texture.h"
+#include "light/sample_light.h"
 
 namespace raykiln {
 
 namespace {
 
-const LightSample no_sample{{0, 0, 1}, {}, false, {}, 0.0f, false};
-
-LightSample towards_point(const Vec3f& p, const Vec3f& position, const Vec3f& intensity) {
-    const Vec3f d = position - p;
-    const float distance2 = length_squared(d);
-    if (distance2 <= 0.0f) {
-        return no_sample;
-    }
-    return {d / sqrt(distance2), position, false, intensity / distance2, 1.0f, true};
-}
-
-float spot_falloff(const SpotLight& light, float cosine) {
-    const float range = max(light.cos_inner - light.cos_outer, 1e-6f);
-    return sqr(clamp((cosine - light.cos_outer) / range, 0.0f, 1.0f));
-}
+template <class... Cases>
+struct Overloaded : Cases... {
+    using Cases::operator()...;
+};
 
 struct Sample {
     const Scene& scene;
     const Vec3f& p;
     float u, v;
 
-    LightSample operator()(const PointLight& light) const {
-        return towards_point(p, light.position, light.intensity);
+    LightSample operator()(const PointLight& l) const {
+        return sample_toward_point(p, l.position, l.intensity);
     }
-
-    LightSample operator()(const SpotLight& light) const {
-        LightSample s = towards_point(p, light.position, light.intensity);
-        s.radiance *= spot_falloff(light, -dot(s.direction, light.axis));
-        return s;
+    LightSample operator()(const SpotLight& l) const {
+        return sample_spot(p, l.position, l.axis, l.intensity, l.cos_inner, l.cos_outer);
     }
-
-    LightSample operator()(const DirectionalLight& light) const {
-        return {-light.direction, {}, true, light.irradiance, 1.0f, true};
+    LightSample operator()(const DirectionalLight& l) const {
+        return sample_directional(l.direction, l.irradiance);
     }
-
-    LightSample operator()(const EnvironmentLight& light) const {
-        float pdf;
-        const Vec3f d = sample_environment(light, u, v, pdf);
-        if (pdf <= 0.0f) {
-            return no_sample;
-        }
-        return {d, {}, true, environment_radiance(light, scene.textures, d), pdf, false};
+    LightSample operator()(const EnvironmentLight& l) const {
+        return sample_environment_light(scene, l, u, v);
     }
-
-    LightSample operator()(const TriangleLight& light) const {
-        const Vec2f b = sample_triangle(u, v);
-        const Vec3f point = light.p0 + light.edge1 * b.x + light.edge2 * b.y;
-        const Vec3f d = point - p;
-        const float distance2 = length_squared(d);
-        const Vec3f direction = d / sqrt(distance2);
-        const float cosine = -dot(direction, light.normal);
-        const Vec2f uv{light.uv0.x + (light.uv1.x - light.uv0.x) * b.x +
-                           (light.uv2.x - light.uv0.x) * b.y,
-                       light.uv0.y + (light.uv1.y - light.uv0.y) * b.x +
-                           (light.uv2.y - light.uv0.y) * b.y};
-        if (!(distance2 > 0.0f) || cosine == 0.0f) {
-            return no_sample;
-        }
-        const Vec3f radiance = emitted_radiance(scene, light.emission, uv, cosine > 0.0f);
-        const float size =
-            max_abs(light.p0) + max_abs(light.edge1) + max_abs(light.edge2);
-        return {direction,
-                offset_origin(point, light.normal, -direction, position_error(size)),
-                false,
-                radiance,
-                pdf_solid_angle_of_area(1.0f / light.area, distance2, std::fabs(cosine)),
-                false};
+    LightSample operator()(const TriangleLight& l) const {
+        return sample_triangle_light(scene, l, p, u, v);
     }
-
-    LightSample operator()(const SphereLight& light) const;
+    LightSample operator()(const SphereLight& l) const {
+        return sample_sphere_light(scene, l, p, u, v);
+    }
 };
-
-/// Uniform within the cone that the sphere fills, seen from outside (Shirley et al.
-/// 1996); uniform over its area, seen from within.
-LightSample Sample::operator()(const SphereLight& light) const {
-    const Vec3f to_center = light.center - p;
-    const float distance2 = length_squared(to_center);
-    const float radius2 = sqr(light.radius);
-    const float error = position_error(max_abs(light.center) + light.radius);
-    if (distance2 <= radius2 * 1.0002f) {
-        const Vec3f n = sample_sphere(u, v);
-        const Vec3f point = light.center + n * light.radius;
-        const Vec3f d = point - p;
-        const float d2 = length_squared(d);
-        const Vec3f direction = d / sqrt(d2);
-        const float cosine = -dot(direction, n);
-        if (!(d2 > 0.0f) || cosine == 0.0f) {
-            return no_sample;
-        }
-        const float pdf_area = 0.25f * inv_pi / radius2;
-        return {
-            direction,
-            offset_origin(point, n, -direction, error),
-            false,
-            emitted_radiance(scene, light.emission, {}, (cosine > 0.0f) != light.inward),
-            pdf_solid_angle_of_area(pdf_area, d2, std::fabs(cosine)),
-            false};
-    }
-    const float sin2 = radius2 / distance2;
-    const float one_minus_cos = sin2 / (1.0f + safe_sqrt(1.0f - sin2));
-    const Frame<float> cone = frame_of_normal(to_center / sqrt(distance2));
-    const Vec3f direction = normalize(cone.to_world(sample_cone(u, v, one_minus_cos)));
-    const float along = dot(to_center, direction);
-    const float half_chord = safe_sqrt(radius2 - (distance2 - along * along));
-    const Vec3f n = normalize(direction * (along - half_chord) - to_center);
-    const Vec3f point = light.center + n * light.radius;
-    return {direction,
-            offset_origin(point, n, -direction, error),
-            false,
-            emitted_radiance(scene, light.emission, {}, !light.inward),
-            pdf_cone(one_minus_cos),
-            false};
-}
 
 /// Bounds and power of the lights in the scene; power 0 for those beyond it.
 struct BoundsOf {
@@ -129,7 +42,7 @@ struct BoundsOf {
 
     float surface_power(std::uint32_t emission, float area) const {
         const Emission& e = scene.emissions[emission];
-        const float sides = e.two_sided ? 2.0f : 1.0f;
+        const float sides = e.two_sided != 0 ? 2.0f : 1.0f;
         return luminance(average(e.radiance, scene.textures)) * area * pi * sides;
     }
     LightBounds operator()(const PointLight& l) const {
@@ -146,8 +59,8 @@ struct BoundsOf {
         return b;
     }
     LightBounds operator()(const TriangleLight& l) const {
-        LightBounds b{{},   surface_power(l.emission, l.area),    l.normal, 1.0f,
-                      0.0f, scene.emissions[l.emission].two_sided};
+        LightBounds b{{},   surface_power(l.emission, l.area),         l.normal, 1.0f,
+                      0.0f, scene.emissions[l.emission].two_sided != 0};
         b.bounds.add(l.p0);
         b.bounds.add(l.p0 + l.edge1);
         b.bounds.add(l.p0 + l.edge2);
@@ -226,9 +139,9 @@ std::vector<std::uint32_t> add_surface_lights(Scene& scene, const Group& group,
             // Emissive spheres are only placed by similarities (raykiln/compile.py sees
             // to it).
             const float scale = std::cbrt(std::fabs(world_from_group.determinant()));
-            scene.lights.emplace_back(SphereLight{world_from_group.point(sphere.center),
-                                                  sphere.radius * scale,
-                                                  sphere.flip_normals, sphere.emission});
+            scene.lights.emplace_back(
+                SphereLight{world_from_group.point(sphere.center), sphere.radius * scale,
+                            sphere.flip_normals ? 1u : 0u, sphere.emission});
         }
     }
     return offsets;
@@ -244,34 +157,37 @@ LightSample sample_light(const Scene& scene, const Light& light, const Vec3f& p,
 float pdf_light(const Light& light, const Vec3f& p, const Vec3f& direction,
                 float distance) {
     if (const auto* t = std::get_if<TriangleLight>(&light)) {
-        const float cosine = std::fabs(dot(direction, t->normal));
-        return cosine > 0.0f
-                   ? pdf_solid_angle_of_area(1.0f / t->area, sqr(distance), cosine)
-                   : 0.0f;
+        return pdf_triangle_light(t->normal, t->area, direction, distance);
     }
     if (const auto* s = std::get_if<SphereLight>(&light)) {
-        const float distance2 = length_squared(s->center - p);
-        const float radius2 = sqr(s->radius);
-        if (distance2 <= radius2 * 1.0002f) {
-            const Vec3f n = normalize(p + direction * distance - s->center);
-            const float cosine = std::fabs(dot(direction, n));
-            return cosine > 0.0f ? pdf_solid_angle_of_area(0.25f * inv_pi / radius2,
-                                                           sqr(distance), cosine)
-                                 : 0.0f;
-        }
-        const float sin2 = radius2 / distance2;
-        return pdf_cone(sin2 / (1.0f + safe_sqrt(1.0f - sin2)));
+        return pdf_sphere_light(s->center, s->radius, p, direction, distance);
     }
     return 0.0f;
 }
 
-Vec3f emitted_radiance(const Scene& scene, std::uint32_t emission, Vec2f uv, bool front) {
-    const Emission& e = scene.emissions[emission];
-    if (!front && !e.two_sided) {
-        return Vec3f(0.0f);
+namespace {
+
+LightTable tabulate(const std::vector<Light>& lights) {
+    LightTable table;
+    const auto add = [&](auto& of_kind, const auto& light) {
+        table.slot.push_back(static_cast<std::uint32_t>(of_kind.size()));
+        of_kind.push_back(light);
+    };
+    for (std::uint32_t i = 0; i < lights.size(); ++i) {
+        table.kind.push_back(static_cast<std::uint32_t>(lights[i].index()));
+        std::visit(
+            Overloaded{[&](const PointLight& l) { add(table.points, l); },
+                       [&](const SpotLight& l) { add(table.spots, l); },
+                       [&](const DirectionalLight& l) { add(table.directionals, l); },
+                       [&](const EnvironmentLight&) { add(table.environments, i); },
+                       [&](const TriangleLight& l) { add(table.triangles, l); },
+                       [&](const SphereLight& l) { add(table.spheres, l); }},
+            lights[i]);
     }
-    return evaluate(e.radiance, scene.textures, uv);
+    return table;
 }
+
+}  // namespace
 
 void prepare_lights(Scene& scene) {
     for (Light& light : scene.lights) {
@@ -293,6 +209,7 @@ void prepare_lights(Scene& scene) {
             far_powers.push_back(far_power(scene.lights[i]));
         }
     }
+    scene.light_table = tabulate(scene.lights);
     scene.near_lights = LightTree(near_bounds);
     scene.far_choice = AliasTable(far_powers);
     // Power within the scene and irradiance from beyond it do not compare: the choice is
@@ -302,27 +219,14 @@ void prepare_lights(Scene& scene) {
                                                   : 0.5f;
 }
 
-LightTree::Choice choose_light(const Scene& scene, const LightReceiver& receiver,
-                               float u) {
-    if (u < scene.far_share) {
-        float remapped;
-        const std::uint32_t i = scene.far_choice.sample(u / scene.far_share, remapped);
-        return {scene.far_lights[i], scene.far_share * scene.far_choice.pmf(i)};
-    }
-    const float rest = (u - scene.far_share) / (1.0f - scene.far_share);
-    LightTree::Choice choice = scene.near_lights.sample(receiver, rest);
-    choice.pmf *= 1.0f - scene.far_share;
-    return choice;
-}
-
 float pmf_of_light(const Scene& scene, const LightReceiver& receiver,
                    std::uint32_t light) {
     for (std::uint32_t i = 0; i < scene.far_lights.size(); ++i) {
         if (scene.far_lights[i] == light) {
-            return scene.far_share * scene.far_choice.pmf(i);
+            return pmf_of_far_light(scene, i);
         }
     }
-    return (1.0f - scene.far_share) * scene.near_lights.pmf(receiver, light);
+    return pmf_of_near_light(scene, receiver, light);
 }
 
 }  // namespace raykiln

@@ -7,19 +7,23 @@
 namespace raykiln {
 
 /// An affine map, stored as the columns of its linear part and a translation.
-struct Transform {
-    Vec3f x{1, 0, 0}, y{0, 1, 0}, z{0, 0, 1}, origin{0, 0, 0};
+template <class F>
+struct TransformOf {
+    Vec3<F> x{F(1.0f), F(0.0f), F(0.0f)}, y{F(0.0f), F(1.0f), F(0.0f)},
+        z{F(0.0f), F(0.0f), F(1.0f)}, origin{F(0.0f), F(0.0f), F(0.0f)};
 
-    Vec3f point(const Vec3f& p) const { return vector(p) + origin; }
-    Vec3f vector(const Vec3f& v) const { return x * v.x + y * v.y + z * v.z; }
+    Vec3<F> point(const Vec3<F>& p) const { return vector(p) + origin; }
+    Vec3<F> vector(const Vec3<F>& v) const { return x * v.x + y * v.y + z * v.z; }
     /// A direction of the surface normal: the inverse transpose, up to its positive
     /// scale.
-    Vec3f normal(const Vec3f& n) const {
-        const Vec3f cofactors = cross(y, z) * n.x + cross(z, x) * n.y + cross(x, y) * n.z;
-        return determinant() < 0 ? -cofactors : cofactors;
+    Vec3<F> normal(const Vec3<F>& n) const {
+        const Vec3<F> cofactors =
+            cross(y, z) * n.x + cross(z, x) * n.y + cross(x, y) * n.z;
+        return select(determinant() < F(0.0f), -cofactors, cofactors);
     }
-    float determinant() const { return dot(x, cross(y, z)); }
+    F determinant() const { return dot(x, cross(y, z)); }
 };
+using Transform = TransformOf<float>;
 
 /// The inverse linear part (the translation is dropped); the determinant must not be 0.
 inline Transform inverse_linear(const Transform& m) {

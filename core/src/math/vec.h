@@ -49,6 +49,10 @@ inline Vec3<F> select(Mask<F> mask, const Vec3<F>& a, const Vec3<F>& b) {
     return {select(mask, a.x, b.x), select(mask, a.y, b.y), select(mask, a.z, b.z)};
 }
 template <class F>
+inline Vec2<F> select(Mask<F> mask, const Vec2<F>& a, const Vec2<F>& b) {
+    return {select(mask, a.x, b.x), select(mask, a.y, b.y)};
+}
+template <class F>
 inline F dot(const Vec3<F>& a, const Vec3<F>& b) {
     return a.x * b.x + a.y * b.y + a.z * b.z;
 }

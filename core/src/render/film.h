@@ -18,6 +18,23 @@ struct PixelSums {
     float luminance_squared = 0.0f;
     Vec3f albedo, normal;
     float depth = 0.0f, depth_weight = 0.0f;
+
+    /// A sample that is not finite is left out and counted.
+    void add_radiance(const Vec3f& sample, std::uint64_t& nonfinite) {
+        if (!is_finite(sample)) {
+            ++nonfinite;
+            return;
+        }
+        radiance += sample;
+        luminance_squared += sqr(luminance(sample));
+    }
+    void add_first_hit(const Vec3f& surface_albedo, const Vec3f& surface_normal,
+                       float surface_depth) {
+        albedo += surface_albedo;
+        normal += surface_normal;
+        depth += surface_depth;
+        depth_weight += 1.0f;
+    }
 };
 
 /// Sums over samples, a pixel each. A pixel's samples are summed by fixed runs (see

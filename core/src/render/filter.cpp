@@ -1,9 +1,6 @@
 #include "render/filter.h"
 
-#include <algorithm>
 #include <cmath>
-
-#include "sampling/warp.h"
 
 namespace raykiln {
 
@@ -67,34 +64,6 @@ Filter::Filter(FilterKind kind) : kind_(kind), radius_(radius_of(kind)), integra
         cdf_[i + 1] = static_cast<float>(running / integral_);
     }
     cdf_[cells] = 1.0f;
-    std::size_t cell = 0;
-    for (std::size_t i = 0; i <= parts; ++i) {
-        const float u = static_cast<float>(i) / parts;
-        while (cell + 1 < cells && cdf_[cell + 1] <= u) {
-            ++cell;
-        }
-        first_[i] = static_cast<std::uint16_t>(cell);
-    }
-}
-
-float Filter::offset(float u) const {
-    switch (kind_) {
-        case FilterKind::box:
-            return u - 0.5f;
-        case FilterKind::tent:
-            return sample_tent(u, radius_);
-        default:
-            break;
-    }
-    // The cell that holds u, and where in it: there are as many as make the tails, where
-    // little of the filter is spread wide, come out right.
-    const auto part = static_cast<std::size_t>(u * parts);
-    const auto upper = std::upper_bound(cdf_.begin() + first_[part] + 1,
-                                        cdf_.begin() + first_[part + 1] + 1, u);
-    const auto cell = upper - cdf_.begin() - 1;
-    const float below = *(upper - 1);
-    const float within = *upper > below ? (u - below) / (*upper - below) : 0.5f;
-    return ((static_cast<float>(cell) + within) * (2.0f / cells) - 1.0f) * radius_;
 }
 
 float Filter::density(float offset) const {

@@ -11,6 +11,7 @@
 #include <chrono>
 #include <exception>
 #include <future>
+#include <utility>
 
 #include "camera/camera.h"
 
@@ -39,6 +40,18 @@ Renderer::Renderer(const Scene& scene, const Accel& accel, const Camera& camera,
                               std::min(y + tile_size, film_.height())});
         }
     }
+    EstimatorSettings& e = options_.estimator;
+    if (e.integrator == IntegratorKind::direct) {
+        e.integrator = IntegratorKind::path;
+        e.max_depth = std::min(e.max_depth, 2);
+    }
+    if (e.integrator == IntegratorKind::path && !options_.reference) {
+        const FilmLayers& layers = options_.layers;
+        batch_scene_ = std::make_unique<BatchScene>(BatchScene{
+            scene_, accel_, camera_, filter_, e, options_.width, options_.height,
+            options_.seed, layers.albedo || layers.normal || layers.depth,
+            ShapeList(scene_)});
+    }
 }
 
 Renderer::~Renderer() = default;
@@ -59,7 +72,7 @@ bool Renderer::run_pass(const Poll& poll) {
     }
     const std::uint32_t end = next_pass(samples_done_, options_.spp);
     stop_ = false;
-    tbb::enumerable_thread_specific<RayCounts> counts;
+    tbb::enumerable_thread_specific<Worker> workers;
     // More threads than cores are allowed if they are asked for.
     const tbb::global_control limit(
         tbb::global_control::max_allowed_parallelism,
@@ -73,7 +86,7 @@ bool Renderer::run_pass(const Poll& poll) {
         try {
             tbb::parallel_for(
                 std::size_t{0}, tiles_.size(),
-                [&](std::size_t i) { render_tile(tiles_[i], end, counts.local()); },
+                [&](std::size_t i) { render_tile(tiles_[i], end, workers.local()); },
                 tbb::simple_partitioner());
             done.set_value();
         } catch (...) {
@@ -95,8 +108,8 @@ bool Renderer::run_pass(const Poll& poll) {
         stop_ = !wanted;
     }
     finished_pass.get();
-    for (const RayCounts& c : counts) {
-        counts_ += c;
+    for (const Worker& worker : workers) {
+        counts_ += worker.counts;
     }
     if (error) {
         std::rethrow_exception(error);
@@ -107,16 +120,80 @@ bool Renderer::run_pass(const Poll& poll) {
     return wanted;
 }
 
-void Renderer::render_tile(const Tile& tile, std::uint32_t end, RayCounts& counts) {
+void Renderer::render_tile(const Tile& tile, std::uint32_t end, Worker& worker) {
+    if (batch_scene_) {
+        render_tile_in_batches(tile, end, worker);
+        return;
+    }
     std::uint64_t samples = 0;
     for (int y = tile.y0; y < tile.y1 && !stop_.load(std::memory_order_relaxed); ++y) {
         for (int x = tile.x0; x < tile.x1 && !stop_.load(std::memory_order_relaxed);
              ++x) {
             samples += end - std::min(end, film_.count(x, y));
-            render_pixel(x, y, end, counts);
+            render_pixel(x, y, end, worker.counts);
         }
     }
     pixel_samples_ += samples;
+}
+
+void Renderer::render_tile_in_batches(const Tile& tile, std::uint32_t end,
+                                      Worker& worker) {
+    if (!worker.tracer) {
+        worker.tracer.reset(wide_kernels(options_.isa).make_tracer(*batch_scene_));
+        worker.batch = std::make_unique<Batch>();
+    }
+    Batch& batch = *worker.batch;
+    batch.pixels = 0;
+    for (int y = tile.y0; y < tile.y1; ++y) {
+        for (int x = tile.x0; x < tile.x1; ++x) {
+            const std::uint32_t begin = film_.count(x, y);
+            if (begin >= end) {
+                continue;
+            }
+            const int samples = static_cast<int>(end - begin);
+            if (batch.pixels > 0 && (begin != batch.first_index ||
+                                     (batch.pixels + 1) * samples > Batch::capacity)) {
+                run_batch(worker);
+            }
+            batch.first_index = begin;
+            batch.samples = samples;
+            batch.x[batch.pixels] = static_cast<std::uint32_t>(x + options_.crop_x0);
+            batch.y[batch.pixels] = static_cast<std::uint32_t>(y + options_.crop_y0);
+            ++batch.pixels;
+        }
+    }
+    if (batch.pixels > 0) {
+        run_batch(worker);
+    }
+}
+
+void Renderer::run_batch(Worker& worker) {
+    Batch& batch = *worker.batch;
+    const int pixels = std::exchange(batch.pixels, 0);
+    if (stop_.load(std::memory_order_relaxed)) {
+        return;
+    }
+    batch.pixels = pixels;
+    worker.tracer->run(batch, worker.counts);
+    for (int p = 0; p < pixels; ++p) {
+        PixelSums sums;
+        for (int i = p * batch.samples; i < (p + 1) * batch.samples; ++i) {
+            sums.add_radiance(
+                {batch.radiance[0][i], batch.radiance[1][i], batch.radiance[2][i]},
+                worker.counts.nonfinite);
+            if (batch_scene_->first_hits && batch.hit[i] != 0) {
+                sums.add_first_hit(
+                    {batch.albedo[0][i], batch.albedo[1][i], batch.albedo[2][i]},
+                    {batch.normal[0][i], batch.normal[1][i], batch.normal[2][i]},
+                    batch.depth[i]);
+            }
+        }
+        film_.add(static_cast<int>(batch.x[p]) - options_.crop_x0,
+                  static_cast<int>(batch.y[p]) - options_.crop_y0, sums,
+                  batch.first_index + static_cast<std::uint32_t>(batch.samples));
+    }
+    pixel_samples_ += static_cast<std::uint64_t>(batch.size());
+    batch.pixels = 0;
 }
 
 void Renderer::render_pixel(int x, int y, std::uint32_t end, RayCounts& counts) {
@@ -129,17 +206,9 @@ void Renderer::render_pixel(int x, int y, std::uint32_t end, RayCounts& counts) 
         FirstHit first;
         const Vec3f radiance = render_sample(x + options_.crop_x0, y + options_.crop_y0,
                                              index, counts, first);
-        if (!is_finite(radiance)) {
-            ++counts.nonfinite;
-        } else {
-            sums.radiance += radiance;
-            sums.luminance_squared += sqr(luminance(radiance));
-        }
+        sums.add_radiance(radiance, counts.nonfinite);
         if (first.valid) {
-            sums.albedo += first.albedo;
-            sums.normal += first.normal;
-            sums.depth += first.depth;
-            sums.depth_weight += 1.0f;
+            sums.add_first_hit(first.albedo, first.normal, first.depth);
         }
     }
     film_.add(x, y, sums, end);
@@ -158,14 +227,12 @@ Vec3f Renderer::render_sample(int x, int y, std::uint32_t index, RayCounts& coun
     ++counts.camera;
     Vec3f radiance;
     switch (options_.estimator.integrator) {
+        case IntegratorKind::direct:  // a path of two segments, see the constructor
         case IntegratorKind::path:
             radiance = estimate_path(c, ray, first);
             break;
         case IntegratorKind::whitted:
             radiance = estimate_whitted(c, ray, first);
-            break;
-        case IntegratorKind::direct:
-            radiance = estimate_direct(c, ray, first);
             break;
         case IntegratorKind::ao:
             radiance = estimate_ao(c, ray, first);

@@ -7,6 +7,7 @@
 #include "integrator/context.h"
 #include "render/film.h"
 #include "render/filter.h"
+#include "wide/dispatch.h"
 
 namespace raykiln {
 
@@ -19,6 +20,10 @@ struct RenderOptions {
     FilterKind filter = FilterKind::gaussian;
     FilmLayers layers;
     EstimatorSettings estimator;
+    /// Path by path, as the textbook has it, instead of in batches: slower, and the same
+    /// picture to rounding.
+    bool reference = false;
+    Isa isa = process_isa();  ///< of the batches
 };
 
 /// Renders a scene pass by pass. The film's pixels are whole at any time between calls of
@@ -51,7 +56,15 @@ class Renderer {
     struct Tile {
         int x0, y0, x1, y1;
     };
-    void render_tile(const Tile& tile, std::uint32_t end, RayCounts& counts);
+    /// What a thread keeps from tile to tile.
+    struct Worker {
+        RayCounts counts;
+        std::unique_ptr<BatchTracer> tracer;
+        std::unique_ptr<Batch> batch;
+    };
+    void render_tile(const Tile& tile, std::uint32_t end, Worker& worker);
+    void render_tile_in_batches(const Tile& tile, std::uint32_t end, Worker& worker);
+    void run_batch(Worker& worker);
     void render_pixel(int x, int y, std::uint32_t end, RayCounts& counts);
     Vec3f render_sample(int x, int y, std::uint32_t index, RayCounts& counts,
                         FirstHit& first);
@@ -62,6 +75,7 @@ class Renderer {
     RenderOptions options_;
     Filter filter_;
     Film film_;
+    std::unique_ptr<BatchScene> batch_scene_;  ///< null: path by path
     std::vector<Tile> tiles_;
     RayCounts counts_;
     std::uint32_t samples_done_ = 0;

@@ -48,15 +48,6 @@ double fill_cdf(const float* weights, int n, float* cdf) {
     return total;
 }
 
-/// The cell of a cdf that holds u, and where in it, in [0, 1).
-int find_cell(const float* cdf, int n, float u, float& within) {
-    const float* upper = std::upper_bound(cdf, cdf + n + 1, u);
-    const int cell = std::clamp(static_cast<int>(upper - cdf) - 1, 0, n - 1);
-    const float size = cdf[cell + 1] - cdf[cell];
-    within = size > 0 ? std::min((u - cdf[cell]) / size, one_minus_epsilon) : 0.5f;
-    return cell;
-}
-
 }  // namespace
 
 Distribution2D::Distribution2D(const std::vector<float>& weights, int width, int height) :
@@ -85,26 +76,6 @@ Distribution2D::Distribution2D(const std::vector<float>& weights, int width, int
                      static_cast<std::size_t>(x)] = p_row * (cdf[x + 1] - cdf[x]) * cells;
         }
     }
-}
-
-Vec2f Distribution2D::sample(float u, float v, float& pdf) const {
-    float fx, fy;
-    const int y = find_cell(row_cdf_.data(), height_, v, fy);
-    const auto row = static_cast<std::size_t>(y);
-    const int x = find_cell(&column_cdf_[row * (static_cast<std::size_t>(width_) + 1)],
-                            width_, u, fx);
-    pdf = density_[row * static_cast<std::size_t>(width_) + static_cast<std::size_t>(x)];
-    return {(static_cast<float>(x) + fx) / static_cast<float>(width_),
-            (static_cast<float>(y) + fy) / static_cast<float>(height_)};
-}
-
-float Distribution2D::pdf(Vec2f p) const {
-    const int x =
-        std::clamp(static_cast<int>(p.x * static_cast<float>(width_)), 0, width_ - 1);
-    const int y =
-        std::clamp(static_cast<int>(p.y * static_cast<float>(height_)), 0, height_ - 1);
-    return density_[static_cast<std::size_t>(y) * static_cast<std::size_t>(width_) +
-                    static_cast<std::size_t>(x)];
 }
 
 }  // namespace raykiln

@@ -1,10 +1,10 @@
 #pragma once
 
-#include <algorithm>
+#include <bit>
 #include <cstdint>
 #include <vector>
 
-#include "math/vec.h"
+#include "math/gather.h"
 
 namespace raykiln {
 
@@ -17,19 +17,24 @@ class AliasTable {
 
     /// An index drawn with a number in [0, 1); `remapped` is a fresh uniform number from
     /// the rest.
-    std::uint32_t sample(float u, float& remapped) const {
-        const float scaled = u * static_cast<float>(cells_.size());
-        const auto cell = std::min(static_cast<std::uint32_t>(scaled),
-                                   static_cast<std::uint32_t>(cells_.size() - 1));
-        const float rest = std::min(scaled - static_cast<float>(cell), one_minus_epsilon);
-        const Cell& c = cells_[cell];
-        const bool keep = rest < c.threshold;
-        remapped =
-            keep ? rest / c.threshold : (rest - c.threshold) / (1.0f - c.threshold);
-        remapped = std::min(remapped, one_minus_epsilon);
-        return keep ? cell : c.alias;
+    template <class F>
+    Uint<F> sample(F u, F& remapped) const {
+        const F scaled = u * F(static_cast<float>(cells_.size()));
+        const Uint<F> last(static_cast<std::uint32_t>(cells_.size() - 1));
+        const Uint<F> cell = min(to_uint(scaled), last);
+        const F rest = min(scaled - to_float(cell), F(one_minus_epsilon));
+        const F threshold = gather_member<F>(cells_.data(), &Cell::threshold, cell);
+        const auto keep = rest < threshold;
+        remapped = select(keep, rest, rest - threshold) /
+                   select(keep, threshold, F(1.0f) - threshold);
+        remapped = min(remapped, F(one_minus_epsilon));
+        return select(keep, cell, gather_member<F>(cells_.data(), &Cell::alias, cell));
     }
     float pmf(std::uint32_t index) const { return cells_[index].pmf; }
+    template <class F>
+    F pmf_at(Uint<F> index) const {
+        return gather_member<F>(cells_.data(), &Cell::pmf, index);
+    }
     std::size_t size() const { return cells_.size(); }
 
   private:
@@ -49,9 +54,11 @@ class Distribution2D {
     Distribution2D(const std::vector<float>& weights, int width, int height);
 
     /// A point of the unit square and its density there.
-    Vec2f sample(float u, float v, float& pdf) const;
+    template <class F>
+    Vec2<F> sample(F u, F v, F& pdf) const;
     /// Density at a point of the unit square (integrates to 1).
-    float pdf(Vec2f point) const;
+    template <class F>
+    F pdf(Vec2<F> point) const;
     bool empty() const { return width_ == 0; }
 
   private:
@@ -60,5 +67,56 @@ class Distribution2D {
     std::vector<float> row_cdf_;     // height + 1
     std::vector<float> column_cdf_;  // (width + 1) a row
 };
+
+namespace detail {
+
+/// The cell of a cdf (n + 1 entries from `offset`) that holds u, and where in it, in
+/// [0, 1).
+template <class F>
+inline Uint<F> find_cell(const float* cdf, Uint<F> offset, int n, F u, F& within) {
+    using U = Uint<F>;
+    // The last entry that is not above u, among the first n.
+    U cell(0u);
+    const U last(static_cast<std::uint32_t>(n - 1));
+    for (auto step = std::bit_floor(static_cast<std::uint32_t>(n)); step > 0; step /= 2) {
+        const U next = cell + U(step);
+        const U readable = min(next, last);
+        const auto below = (next <= last) & (gather(cdf, offset + readable) <= u);
+        cell = select(below, next, cell);
+    }
+    const F low = gather(cdf, offset + cell);
+    const F size = gather(cdf, offset + cell + U(1u)) - low;
+    const auto open = size > F(0.0f);
+    within =
+        select(open, min((u - low) / select(open, size, F(1.0f)), F(one_minus_epsilon)),
+               F(0.5f));
+    return cell;
+}
+
+}  // namespace detail
+
+template <class F>
+inline Vec2<F> Distribution2D::sample(F u, F v, F& pdf) const {
+    using U = Uint<F>;
+    F fx, fy;
+    const U y = detail::find_cell(row_cdf_.data(), U(0u), height_, v, fy);
+    const auto width = static_cast<std::uint32_t>(width_);
+    const U x = detail::find_cell(column_cdf_.data(), y * U(width + 1), width_, u, fx);
+    pdf = gather(density_.data(), y * U(width) + x);
+    return {(to_float(x) + fx) / F(static_cast<float>(width_)),
+            (to_float(y) + fy) / F(static_cast<float>(height_))};
+}
+
+template <class F>
+inline F Distribution2D::pdf(Vec2<F> p) const {
+    using U = Uint<F>;
+    const auto cell = [](F at, int n) {
+        const auto size = static_cast<float>(n);
+        return to_uint(clamp(at * F(size), F(0.0f), F(size - 1.0f)));
+    };
+    return gather(
+        density_.data(),
+        cell(p.y, height_) * U(static_cast<std::uint32_t>(width_)) + cell(p.x, width_));
+}
 
 }  // namespace raykiln

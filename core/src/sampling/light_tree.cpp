@@ -10,13 +10,6 @@ namespace raykiln {
 
 namespace {
 
-/// cos(max(0, a - b)) for angles given by their cosines and sines.
-float cos_of_difference(float sin_a, float cos_a, float sin_b, float cos_b) {
-    return cos_a > cos_b ? 1.0f : cos_a * cos_b + sin_a * sin_b;
-}
-float sin_of_difference(float sin_a, float cos_a, float sin_b, float cos_b) {
-    return cos_a > cos_b ? 0.0f : sin_a * cos_b - cos_a * sin_b;
-}
 float sin_of(float cosine) {
     return safe_sqrt(1.0f - cosine * cosine);
 }
@@ -91,10 +84,6 @@ struct Split {
     float position = 0.0f;
 };
 
-// Cosines are rounded: a light that only just reaches the receiver must keep a chance.
-constexpr float angle_slack = 1e-4f;
-constexpr float least_cosine = 0.01f;
-
 float component(const Vec3f& v, int axis) {
     return axis == 0 ? v.x : axis == 1 ? v.y : v.z;
 }
@@ -160,12 +149,17 @@ LightTree::LightTree(const std::vector<LightBounds>& lights) :
 void LightTree::make_node(std::uint32_t index, const LightBounds& bounds,
                           std::uint32_t parent) {
     Node& node = nodes_[index];
-    node = {bounds,
-            bounds.bounds.center(),
-            0.25f * length_squared(bounds.bounds.extent()),
-            none,
-            parent,
-            none};
+    node.center = bounds.bounds.center();
+    node.radius2 = 0.25f * length_squared(bounds.bounds.extent());
+    node.axis = bounds.axis;
+    node.cos_theta_o = bounds.cos_theta_o;
+    node.sin_theta_o = sin_of(bounds.cos_theta_o);
+    node.cos_theta_e = bounds.cos_theta_e;
+    node.power = bounds.power;
+    node.two_sided = bounds.two_sided ? 1u : 0u;
+    node.child = none;
+    node.parent = parent;
+    node.light = none;
 }
 
 void LightTree::build(std::uint32_t index, std::vector<std::uint32_t>& order,
@@ -201,78 +195,6 @@ void LightTree::build(std::uint32_t index, std::vector<std::uint32_t>& order,
     nodes_[child].parent = nodes_[child + 1].parent = index;
     build(child, order, begin, middle, lights);
     build(child + 1, order, middle, end, lights);
-}
-
-/// A bound of what a cluster can contribute: power over distance squared, times the
-/// cosines at both ends, the angles lessened by all that the cluster's size leaves open.
-float LightTree::importance(const Node& node, const LightReceiver& r) {
-    const Vec3f d = node.center - r.p;
-    const float distance2 = length_squared(d);
-    const Vec3f direction = d / sqrt(max(distance2, 1e-30f));
-    const bool inside = distance2 <= node.radius2;
-    const float sin_b = inside ? 0.0f : sqrt(node.radius2 / distance2);
-    const float cos_b = inside ? -1.0f : safe_sqrt(1.0f - sin_b * sin_b);
-
-    float cos_w = -dot(node.bounds.axis, direction);
-    cos_w = node.bounds.two_sided ? std::fabs(cos_w) : cos_w;
-    const float cos_o = node.bounds.cos_theta_o;
-    const float sin_w = sin_of(cos_w), sin_o = sin_of(cos_o);
-    const float cos_x = cos_of_difference(sin_w, cos_w, sin_o, cos_o);
-    const float sin_x = sin_of_difference(sin_w, cos_w, sin_o, cos_o);
-    const float cos_e = cos_of_difference(sin_x, cos_x, sin_b, cos_b);
-    if (!inside && cos_e <= node.bounds.cos_theta_e - angle_slack) {
-        return 0.0f;
-    }
-    float weight = node.bounds.power * max(inside ? 1.0f : cos_e, least_cosine) /
-                   max(distance2, max(node.radius2, 1e-20f));
-    if (r.normal.x != 0.0f || r.normal.y != 0.0f || r.normal.z != 0.0f) {
-        const float cos_i = dot(r.normal, direction);
-        const float cosine =
-            inside ? 1.0f : cos_of_difference(sin_of(cos_i), cos_i, sin_b, cos_b);
-        weight *= cosine > -angle_slack ? max(cosine, least_cosine) : 0.0f;
-    }
-    return weight;
-}
-
-LightTree::Choice LightTree::sample(const LightReceiver& receiver, float u) const {
-    if (nodes_.empty()) {
-        return {0, 0.0f};
-    }
-    float pmf = 1.0f;
-    const Node* node = &nodes_[0];
-    while (node->child != none) {
-        const float a = importance(nodes_[node->child], receiver);
-        const float b = importance(nodes_[node->child + 1], receiver);
-        if (!(a + b > 0.0f)) {
-            return {0, 0.0f};
-        }
-        const float first = a / (a + b);
-        const bool left = u < first;
-        u = min(left ? u / first : (u - first) / (1.0f - first), one_minus_epsilon);
-        pmf *= left ? first : 1.0f - first;
-        node = &nodes_[node->child + (left ? 0 : 1)];
-    }
-    return {node->light, pmf};
-}
-
-float LightTree::pmf(const LightReceiver& receiver, std::uint32_t light) const {
-    std::uint32_t index = leaf_of_light_[light];
-    if (index == none) {
-        return 0.0f;
-    }
-    float pmf = 1.0f;
-    while (nodes_[index].parent != none) {
-        const Node& parent = nodes_[nodes_[index].parent];
-        const float a = importance(nodes_[parent.child], receiver);
-        const float b = importance(nodes_[parent.child + 1], receiver);
-        if (!(a + b > 0.0f)) {
-            return 0.0f;
-        }
-        const float first = a / (a + b);
-        pmf *= index == parent.child ? first : 1.0f - first;
-        index = nodes_[index].parent;
-    }
-    return pmf;
 }
 
 }  // namespace raykiln

@@ -1,6 +1,7 @@
 #pragma once
 
 #include <variant>
+#include <vector>
 
 #include "math/frame.h"
 #include "math/transform.h"
@@ -39,27 +40,44 @@ struct EnvironmentLight {
 /// How a surface emits.
 struct Emission {
     ColorSlot radiance;
-    bool two_sided = false;
+    std::uint32_t two_sided = 0;  ///< 0 or 1
 };
 
 /// One triangle of an emissive mesh, in world space.
-struct TriangleLight {
-    Vec3f p0, edge1, edge2;
-    Vec3f normal;  ///< unit, the emitting side
-    float area;
-    Vec2f uv0, uv1, uv2;
-    std::uint32_t emission;  ///< index into Scene::emissions
+template <class F>
+struct TriangleLightOf {
+    Vec3<F> p0, edge1, edge2;
+    Vec3<F> normal;  ///< unit, the emitting side
+    F area;
+    Vec2<F> uv0, uv1, uv2;
+    Uint<F> emission;  ///< index into Scene::emissions
 };
+using TriangleLight = TriangleLightOf<float>;
 
-struct SphereLight {
-    Vec3f center;
-    float radius;
-    bool inward;  ///< emits into the sphere
-    std::uint32_t emission;
+template <class F>
+struct SphereLightOf {
+    Vec3<F> center;
+    F radius;
+    Uint<F> inward;  ///< 1: emits into the sphere
+    Uint<F> emission;
 };
+using SphereLight = SphereLightOf<float>;
 
-// To add a kind: a struct here, its sampling in light/, its case in light/light.cpp.
+// To add a kind: a struct here, its sampling in light/, its cases in light/light.cpp and
+// light/sample_light.h.
 using Light = std::variant<PointLight, SpotLight, DirectionalLight, EnvironmentLight,
                            TriangleLight, SphereLight>;
+
+/// The lights again, kind by kind, for code that looks at many at once. `kind` is the
+/// place in the variant, `slot` the one among those of the kind.
+struct LightTable {
+    std::vector<std::uint32_t> kind, slot;
+    std::vector<PointLight> points;
+    std::vector<SpotLight> spots;
+    std::vector<DirectionalLight> directionals;
+    std::vector<std::uint32_t> environments;  ///< index into Scene::lights
+    std::vector<TriangleLight> triangles;
+    std::vector<SphereLight> spheres;
+};
 
 }  // namespace raykiln

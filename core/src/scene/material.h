@@ -37,6 +37,11 @@ struct DielectricMaterial {
     ColorSlot reflectance, transmittance;
     MicrofacetSlots surface;
     bool thin = false;
+
+    /// Refraction without a change of index has no half vector.
+    bool is_smooth() const {
+        return surface.smooth() || (eta > 1.0f - 1e-3f && eta < 1.0f + 1e-3f);
+    }
 };
 
 /// Transmittance of a dielectric interface, tabulated over the cosine of the angle of

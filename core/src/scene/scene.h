@@ -25,6 +25,7 @@ struct Scene {
     // Made by prepare_lights.
     LightTree
         near_lights;  ///< over `lights`; those beyond the scene never come out of it
+    LightTable light_table;
     AliasTable far_choice;  ///< over `far_lights`
     std::vector<std::uint32_t>
         far_lights;          ///< beyond the scene: environments, directional

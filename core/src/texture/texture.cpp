@@ -102,26 +102,6 @@ Texel lookup_checker(const CheckerTexture& t, Vec2f uv) {
     return {right == lower ? t.color0 : t.color1, 1.0f};
 }
 
-float pick(const Texel& texel, Channel channel) {
-    switch (channel) {
-        case Channel::r:
-            return texel.rgb.x;
-        case Channel::g:
-            return texel.rgb.y;
-        case Channel::b:
-            return texel.rgb.z;
-        case Channel::a:
-            return texel.alpha;
-        case Channel::rgb:
-            break;
-    }
-    return mean(texel.rgb);
-}
-
-Vec3f pick_color(const Texel& texel, Channel channel) {
-    return channel == Channel::rgb ? texel.rgb : Vec3f(pick(texel, channel));
-}
-
 }  // namespace
 
 Texel lookup(const Texture& texture, Vec2f uv) {
@@ -129,22 +109,6 @@ Texel lookup(const Texture& texture, Vec2f uv) {
         return lookup_image(*image, uv);
     }
     return lookup_checker(std::get<CheckerTexture>(texture), uv);
-}
-
-Vec3f evaluate(const ColorSlot& slot, const std::vector<Texture>& textures, Vec2f uv) {
-    if (slot.texture == no_texture) {
-        return slot.factor;
-    }
-    const Texel texel = lookup(textures[static_cast<std::size_t>(slot.texture)], uv);
-    return slot.factor * pick_color(texel, slot.channel);
-}
-
-float evaluate(const FloatSlot& slot, const std::vector<Texture>& textures, Vec2f uv) {
-    if (slot.texture == no_texture) {
-        return slot.factor;
-    }
-    const Texel texel = lookup(textures[static_cast<std::size_t>(slot.texture)], uv);
-    return slot.factor * pick(texel, slot.channel);
 }
 
 Vec3f average(const ColorSlot& slot, const std::vector<Texture>& textures) {

@@ -2,6 +2,7 @@
 
 #include "math/wide.h"
 #include "sampling/sampler.h"
+#include "wide/path_tracer.h"
 
 namespace raykiln {
 
@@ -12,7 +13,8 @@ constexpr std::size_t width = NumberTraits<Wide>::width;
 void sobol_samples(const std::uint32_t* pixel, const std::uint32_t* index,
                    std::size_t count, std::uint32_t group, float* out) {
     for (std::size_t begin = 0; begin < count; begin += width) {
-        const auto lanes = static_cast<int>(count - begin < width ? count - begin : width);
+        const auto lanes =
+            static_cast<int>(count - begin < width ? count - begin : width);
         const WideMask used = WideMask::first(lanes);
         const WideUint lane = iota<WideUint>();
         const SampleKey<Wide> key{gather(used, pixel + begin, lane, lane),
@@ -30,6 +32,7 @@ void sobol_samples(const std::uint32_t* pixel, const std::uint32_t* index,
 
 extern "C" const raykiln::WideKernels* RAYKILN_WIDE_ENTRY() {
     using namespace raykiln;
-    static constexpr WideKernels kernels{width, WideIsa::name, sobol_samples};
+    static constexpr WideKernels kernels{width, WideIsa::name, sobol_samples,
+                                         make_path_tracer};
     return &kernels;
 }

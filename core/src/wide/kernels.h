@@ -3,23 +3,64 @@
 #include <cstddef>
 #include <cstdint>
 
-// What the wide part of the core offers, once for each instruction set. Its sources (all
-// of this folder but dispatch.cpp) are compiled for each of them, and all but the entry
-// point is local to the result: see core/cmake/wide.cmake.
-//
-// Code of one instruction set must not run where another was chosen. So no dynamic
-// initialisation of globals here: it would run before the choice.
+#include "integrator/context.h"
+#include "render/filter.h"
+#include "scene/camera.h"
+#include "wide/shapes.h"
+
+// The wide estimator: paths in batches, as many at once as the processor has lanes. It is
+// compiled once for each instruction set; this is what the renderer sees of it.
 
 namespace raykiln {
 
+/// What all batches of a render read.
+struct BatchScene {
+    const Scene& scene;
+    const Accel& accel;
+    const Camera& camera;
+    const Filter& filter;
+    EstimatorSettings estimator;
+    int width, height;  ///< of the whole image
+    std::uint32_t seed;
+    bool first_hits;  ///< whether those are asked for
+    ShapeList shapes;
+};
+
+/// Pixels of a batch and the sample numbers that each gets, and where the results are:
+/// sample i of pixel p at p * samples + i.
+struct Batch {
+    static constexpr int capacity = 1024;
+    static constexpr int padded = capacity + 16;
+
+    int pixels = 0;
+    int samples = 0;                         ///< a pixel; pixels * samples <= capacity
+    std::uint32_t first_index = 0;           ///< number of the first of them
+    std::uint32_t x[capacity], y[capacity];  ///< of the whole image
+
+    float radiance[3][padded];
+    // What the first surfaces are like, if asked for; hit is 0 where there is none.
+    float albedo[3][padded], normal[3][padded], depth[padded];
+    std::uint32_t hit[padded];
+
+    int size() const { return pixels * samples; }
+};
+
+/// One thread's working memory for batches.
+class BatchTracer {
+  public:
+    virtual ~BatchTracer() = default;
+    virtual void run(Batch& batch, RayCounts& counts) = 0;
+};
+
+/// The entry points of one instruction set.
 struct WideKernels {
     std::size_t width;  ///< lanes
-    const char* isa;    ///< as `isa_name` gives it
-
-    /// Four dimensions of `count` samples, as `sobol_sample` makes them one by one: of
-    /// sample i at out[4 i].
+    const char* isa;    ///< "sse4.2", "avx2" or "avx512"
+    /// Four dimensions of `count` samples, as `sobol_sample` makes them one by one.
     void (*sobol_samples)(const std::uint32_t* pixel, const std::uint32_t* index,
                           std::size_t count, std::uint32_t group, float* out);
+    /// The scene must outlive the tracer, which belongs to the caller.
+    BatchTracer* (*make_tracer)(const BatchScene& scene);
 };
 
 }  // namespace raykiln

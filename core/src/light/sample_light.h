@@ -1,0 +1,326 @@
+#pragma once
+
+#include "light/environment.h"
+#include "light/light.h"
+#include "math/ray.h"
+#include "sampling/warp.h"
+#include "texture/texture.h"
+
+// How each kind of light is sampled, and the density of finding a point on it otherwise.
+
+namespace raykiln {
+
+template <class F>
+inline LightSampleOf<F> select(Mask<F> mask, const LightSampleOf<F>& a,
+                               const LightSampleOf<F>& b) {
+    return {select(mask, a.direction, b.direction),
+            select(mask, a.point, b.point),
+            select(mask, a.infinite, b.infinite),
+            select(mask, a.radiance, b.radiance),
+            select(mask, a.pdf_solid_angle, b.pdf_solid_angle),
+            select(mask, a.delta, b.delta)};
+}
+
+/// No light: radiance and density 0.
+template <class F>
+inline LightSampleOf<F> no_light_sample() {
+    const Vec3<F> zero(F(0.0f));
+    return {
+        {F(0.0f), F(0.0f), F(1.0f)}, zero, Mask<F>(false), zero, F(0.0f), Mask<F>(false)};
+}
+
+/// Radiance of a surface emission at a texture coordinate; `front`: seen from its
+/// normal's side.
+template <class F>
+inline Vec3<F> emitted_radiance(const Scene& scene, Uint<F> emission, const Vec2<F>& uv,
+                                Mask<F> front) {
+    Vec3<F> radiance(F(0.0f));
+    const auto add = [&](std::uint32_t index, Mask<F> lanes) {
+        const Emission& e = scene.emissions[index];
+        const auto seen = lanes & (front | Mask<F>(e.two_sided != 0));
+        if (any(seen)) {
+            radiance = select(seen, evaluate(e.radiance, scene.textures, uv), radiance);
+        }
+    };
+    if constexpr (std::is_same_v<F, float>) {
+        add(emission, true);
+    } else {
+        // A few emissions at most: each in turn, for the lanes that have it.
+        auto left = Mask<F>(true);
+        while (any(left)) {
+            const std::uint32_t index = emission.lane(std::countr_zero(bits(left)));
+            const auto same = left & (emission == Uint<F>(index));
+            add(index, same);
+            left = left & !same;
+        }
+    }
+    return radiance;
+}
+
+template <class F>
+inline LightSampleOf<F> sample_toward_point(const Vec3<F>& p, const Vec3<F>& position,
+                                            const Vec3<F>& intensity) {
+    const Vec3<F> d = position - p;
+    const F distance2 = length_squared(d);
+    const auto apart = distance2 > F(0.0f);
+    const F safe = select(apart, distance2, F(1.0f));
+    return select<F>(apart,
+                     {d / sqrt(safe), position, Mask<F>(false), intensity / safe, F(1.0f),
+                      Mask<F>(true)},
+                     no_light_sample<F>());
+}
+
+template <class F>
+inline F spot_falloff(F cos_inner, F cos_outer, F cosine) {
+    const F range = max(cos_inner - cos_outer, F(1e-6f));
+    return sqr(clamp((cosine - cos_outer) / range, F(0.0f), F(1.0f)));
+}
+
+template <class F>
+inline LightSampleOf<F> sample_spot(const Vec3<F>& p, const Vec3<F>& position,
+                                    const Vec3<F>& axis, const Vec3<F>& intensity,
+                                    F cos_inner, F cos_outer) {
+    LightSampleOf<F> s = sample_toward_point(p, position, intensity);
+    s.radiance *= spot_falloff(cos_inner, cos_outer, F(0.0f) - dot(s.direction, axis));
+    return s;
+}
+
+template <class F>
+inline LightSampleOf<F> sample_directional(const Vec3<F>& direction,
+                                           const Vec3<F>& irradiance) {
+    return {-direction, Vec3<F>(F(0.0f)), Mask<F>(true),
+            irradiance, F(1.0f),          Mask<F>(true)};
+}
+
+template <class F>
+inline LightSampleOf<F> sample_environment_light(const Scene& scene,
+                                                 const EnvironmentLight& light, F u,
+                                                 F v) {
+    F pdf;
+    const Vec3<F> d = sample_environment(light, u, v, pdf);
+    return select<F>(
+        pdf > F(0.0f),
+        {d, Vec3<F>(F(0.0f)), Mask<F>(true),
+         environment_radiance(light, scene.textures, d), pdf, Mask<F>(false)},
+        no_light_sample<F>());
+}
+
+/// Uniform over the area.
+template <class F>
+inline LightSampleOf<F> sample_triangle_light(const Scene& scene,
+                                              const TriangleLightOf<F>& light,
+                                              const Vec3<F>& p, F u, F v) {
+    const Vec2<F> b = sample_triangle(u, v);
+    const Vec3<F> point = light.p0 + light.edge1 * b.x + light.edge2 * b.y;
+    const Vec3<F> d = point - p;
+    const F distance2 = length_squared(d);
+    const auto apart = distance2 > F(0.0f);
+    const F safe = select(apart, distance2, F(1.0f));
+    const Vec3<F> direction = d / sqrt(safe);
+    const F cosine = F(0.0f) - dot(direction, light.normal);
+    const auto valid = apart & (cosine != F(0.0f));
+    const Vec2<F> uv{light.uv0.x + (light.uv1.x - light.uv0.x) * b.x +
+                         (light.uv2.x - light.uv0.x) * b.y,
+                     light.uv0.y + (light.uv1.y - light.uv0.y) * b.x +
+                         (light.uv2.y - light.uv0.y) * b.y};
+    const F size = max_abs(light.p0) + max_abs(light.edge1) + max_abs(light.edge2);
+    const F pdf = pdf_solid_angle_of_area(F(1.0f) / light.area, safe,
+                                          select(valid, abs(cosine), F(1.0f)));
+    return select<F>(
+        valid,
+        {direction, offset_origin(point, light.normal, -direction, position_error(size)),
+         Mask<F>(false), emitted_radiance<F>(scene, light.emission, uv, cosine > F(0.0f)),
+         pdf, Mask<F>(false)},
+        no_light_sample<F>());
+}
+
+template <class F>
+inline F pdf_triangle_light(const Vec3<F>& normal, F area, const Vec3<F>& direction,
+                            F distance) {
+    const F cosine = abs(dot(direction, normal));
+    const auto seen = cosine > F(0.0f);
+    const F pdf = pdf_solid_angle_of_area(F(1.0f) / area, sqr(distance),
+                                          select(seen, cosine, F(1.0f)));
+    return select(seen, pdf, F(0.0f));
+}
+
+namespace detail {
+
+/// So near that the cone to a sphere would be a half space: its area is sampled instead.
+template <class F>
+inline Mask<F> within_sphere(F distance2, F radius2) {
+    return distance2 <= radius2 * F(1.0002f);
+}
+template <class F>
+inline F one_minus_cos_of_cone(F distance2, F radius2) {
+    const F sin2 = min(radius2 / distance2, F(1.0f));
+    return sin2 / (F(1.0f) + safe_sqrt(F(1.0f) - sin2));
+}
+
+}  // namespace detail
+
+/// Uniform within the cone that the sphere fills, seen from outside (Shirley et al.
+/// 1996); uniform over its area, seen from within.
+template <class F>
+inline LightSampleOf<F> sample_sphere_light(const Scene& scene,
+                                            const SphereLightOf<F>& light,
+                                            const Vec3<F>& p, F u, F v) {
+    const Vec3<F> to_center = light.center - p;
+    const F distance2 = length_squared(to_center);
+    const F radius2 = sqr(light.radius);
+    const auto within = detail::within_sphere(distance2, radius2);
+    const auto inward = light.inward != Uint<F>(0u);
+
+    const F one_minus_cos = detail::one_minus_cos_of_cone(
+        select(within, F(1.0f), distance2), select(within, F(0.5f), radius2));
+    const F distance = sqrt(select(within, F(1.0f), distance2));
+    const Frame<F> cone = frame_of_normal(
+        select(within, {F(0.0f), F(0.0f), F(1.0f)}, to_center / distance));
+    const Vec3<F> toward = normalize(cone.to_world(sample_cone(u, v, one_minus_cos)));
+    const F along = dot(to_center, toward);
+    const F half_chord = safe_sqrt(radius2 - (distance2 - along * along));
+    const Vec3<F> n_outside = normalize(toward * (along - half_chord) - to_center);
+
+    const Vec3<F> n = select(within, sample_sphere(u, v), n_outside);
+    const Vec3<F> point = light.center + n * light.radius;
+    const Vec3<F> d = point - p;
+    const F d2 = length_squared(d);
+    const auto apart = d2 > F(0.0f);
+    const Vec3<F> direction =
+        select(within, d / sqrt(select(apart, d2, F(1.0f))), toward);
+    const F cosine = F(0.0f) - dot(direction, n);
+    const auto valid = (!within) | (apart & (cosine != F(0.0f)));
+    const F pdf_within = pdf_solid_angle_of_area(
+        F(0.25f * inv_pi) / radius2, d2, select(cosine != F(0.0f), abs(cosine), F(1.0f)));
+    const auto outside = (!within) | (cosine > F(0.0f));
+    const F error = position_error(max_abs(light.center) + light.radius);
+    return select<F>(
+        valid,
+        {direction, offset_origin(point, n, -direction, error), Mask<F>(false),
+         emitted_radiance<F>(scene, light.emission, {F(0.0f), F(0.0f)},
+                             outside != inward),
+         select(within, pdf_within, pdf_cone(one_minus_cos)), Mask<F>(false)},
+        no_light_sample<F>());
+}
+
+template <class F>
+inline F pdf_sphere_light(const Vec3<F>& center, F radius, const Vec3<F>& p,
+                          const Vec3<F>& direction, F distance) {
+    const F distance2 = length_squared(center - p);
+    const F radius2 = sqr(radius);
+    const auto within = detail::within_sphere(distance2, radius2);
+    const F pdf_outside = pdf_cone(detail::one_minus_cos_of_cone(
+        select(within, F(1.0f), distance2), select(within, F(0.5f), radius2)));
+    const Vec3<F> n = normalize(p + direction * distance - center);
+    const F cosine = abs(dot(direction, n));
+    const auto seen = cosine > F(0.0f);
+    const F pdf_within = pdf_solid_angle_of_area(
+        F(0.25f * inv_pi) / radius2, sqr(distance), select(seen, cosine, F(1.0f)));
+    return select(within, select(seen, pdf_within, F(0.0f)), pdf_outside);
+}
+
+/// Each lane's own light towards its own point; only lanes in `wanted` count, their
+/// indices must be valid.
+template <class F>
+inline LightSampleOf<F> sample_light(const Scene& scene, Uint<F> light, Mask<F> wanted,
+                                     const Vec3<F>& p, F u, F v) {
+    using U = Uint<F>;
+    const LightTable& table = scene.light_table;
+    LightSampleOf<F> sample = no_light_sample<F>();
+    light = select(wanted, light, U(0u));
+    const U kind = gather(table.kind.data(), light);
+    const U slots = gather(table.slot.data(), light);
+    const auto each = [&](std::uint32_t of_kind, const auto& take) {
+        const auto lanes = wanted & (kind == U(of_kind));
+        if (any(lanes)) {
+            const U slot = select(lanes, slots, U(0u));
+            sample = select<F>(lanes, take(slot), sample);
+        }
+    };
+    each(4, [&](U i) {
+        using T = TriangleLight;
+        const T* a = table.triangles.data();
+        const TriangleLightOf<F> l{
+            gather_member<F>(a, &T::p0, i),      gather_member<F>(a, &T::edge1, i),
+            gather_member<F>(a, &T::edge2, i),   gather_member<F>(a, &T::normal, i),
+            gather_member<F>(a, &T::area, i),    gather_member<F>(a, &T::uv0, i),
+            gather_member<F>(a, &T::uv1, i),     gather_member<F>(a, &T::uv2, i),
+            gather_member<F>(a, &T::emission, i)};
+        return sample_triangle_light(scene, l, p, u, v);
+    });
+    each(5, [&](U i) {
+        using T = SphereLight;
+        const T* a = table.spheres.data();
+        const SphereLightOf<F> l{
+            gather_member<F>(a, &T::center, i), gather_member<F>(a, &T::radius, i),
+            gather_member<F>(a, &T::inward, i), gather_member<F>(a, &T::emission, i)};
+        return sample_sphere_light(scene, l, p, u, v);
+    });
+    each(0, [&](U i) {
+        using T = PointLight;
+        const T* a = table.points.data();
+        return sample_toward_point(p, gather_member<F>(a, &T::position, i),
+                                   gather_member<F>(a, &T::intensity, i));
+    });
+    each(1, [&](U i) {
+        using T = SpotLight;
+        const T* a = table.spots.data();
+        return sample_spot(
+            p, gather_member<F>(a, &T::position, i), gather_member<F>(a, &T::axis, i),
+            gather_member<F>(a, &T::intensity, i), gather_member<F>(a, &T::cos_inner, i),
+            gather_member<F>(a, &T::cos_outer, i));
+    });
+    each(2, [&](U i) {
+        using T = DirectionalLight;
+        const T* a = table.directionals.data();
+        return sample_directional(gather_member<F>(a, &T::direction, i),
+                                  gather_member<F>(a, &T::irradiance, i));
+    });
+    for (const std::uint32_t i : table.environments) {
+        const auto lanes = wanted & (light == U(i));
+        if (any(lanes)) {
+            sample =
+                select<F>(lanes,
+                          sample_environment_light(
+                              scene, std::get<EnvironmentLight>(scene.lights[i]), u, v),
+                          sample);
+        }
+    }
+    return sample;
+}
+
+/// Density over solid angle with which `sample_light` finds the points hit by rays from
+/// `p` in unit `direction`, `distance` away, on emissive triangles and spheres.
+template <class F>
+inline F pdf_light(const Scene& scene, Uint<F> light, Mask<F> wanted, const Vec3<F>& p,
+                   const Vec3<F>& direction, F distance) {
+    using U = Uint<F>;
+    const LightTable& table = scene.light_table;
+    light = select(wanted, light, U(0u));
+    const U kind = gather(table.kind.data(), light);
+    const U slots = gather(table.slot.data(), light);
+    F pdf(0.0f);
+    const auto on_triangle = wanted & (kind == U(4u));
+    if (any(on_triangle)) {
+        const TriangleLight* a = table.triangles.data();
+        const U i = select(on_triangle, slots, U(0u));
+        pdf = select(on_triangle,
+                     pdf_triangle_light(gather_member<F>(a, &TriangleLight::normal, i),
+                                        gather_member<F>(a, &TriangleLight::area, i),
+                                        direction, distance),
+                     pdf);
+    }
+    const auto on_sphere = wanted & (kind == U(5u));
+    if (any(on_sphere)) {
+        const SphereLight* a = table.spheres.data();
+        const U i = select(on_sphere, slots, U(0u));
+        pdf = select(on_sphere,
+                     pdf_sphere_light(gather_member<F>(a, &SphereLight::center, i),
+                                      gather_member<F>(a, &SphereLight::radius, i), p,
+                                      direction, distance),
+                     pdf);
+    }
+    return pdf;
+}
+
+}  // namespace raykiln

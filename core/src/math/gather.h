@@ -1,0 +1,41 @@
+#pragma once
+
+#include "math/vec.h"
+
+// One member of the elements of an array, an element a lane.
+
+namespace raykiln {
+
+namespace detail {
+
+template <class T>
+constexpr std::uint32_t words = sizeof(T) / sizeof(float);
+
+}  // namespace detail
+
+template <class F, class T>
+inline F gather_member(const T* array, float T::* member, Uint<F> index) {
+    static_assert(sizeof(T) % sizeof(float) == 0);
+    return gather(&(array->*member), index * Uint<F>(detail::words<T>));
+}
+template <class F, class T>
+inline Uint<F> gather_member(const T* array, std::uint32_t T::* member, Uint<F> index) {
+    static_assert(sizeof(T) % sizeof(float) == 0);
+    return gather(&(array->*member), index * Uint<F>(detail::words<T>));
+}
+template <class F, class T>
+inline Vec2<F> gather_member(const T* array, Vec2f T::* member, Uint<F> index) {
+    static_assert(sizeof(T) % sizeof(float) == 0);
+    const Vec2f& first = array->*member;
+    const Uint<F> at = index * Uint<F>(detail::words<T>);
+    return {gather(&first.x, at), gather(&first.y, at)};
+}
+template <class F, class T>
+inline Vec3<F> gather_member(const T* array, Vec3f T::* member, Uint<F> index) {
+    static_assert(sizeof(T) % sizeof(float) == 0);
+    const Vec3f& first = array->*member;
+    const Uint<F> at = index * Uint<F>(detail::words<T>);
+    return {gather(&first.x, at), gather(&first.y, at), gather(&first.z, at)};
+}
+
+}  // namespace raykiln

@@ -1,0 +1,350 @@
+#pragma once
+
+#include "bsdf/make_bsdf.h"
+#include "integrator/geometry.h"
+#include "integrator/surface.h"
+#include "light/sample_light.h"
+#include "wide/planes.h"
+
+// One vertex of as many paths as there are lanes, all on the same material.
+
+namespace raykiln {
+inline namespace RAYKILN_WIDE_NAMESPACE {
+
+inline F weight_of_bsdf(Strategy strategy, F pdf_bsdf, F pdf_light) {
+    switch (strategy) {
+        case Strategy::light_only:
+            return F(0.0f);
+        case Strategy::bsdf_only:
+            return F(1.0f);
+        case Strategy::mis:
+            break;
+    }
+    return mis_weight(pdf_bsdf, pdf_light);
+}
+
+inline F weight_of_light(Strategy strategy, M delta, F pdf_light, F pdf_bsdf) {
+    if (strategy == Strategy::light_only) {
+        return F(1.0f);
+    }
+    const F other =
+        strategy == Strategy::bsdf_only ? F(0.0f) : mis_weight(pdf_light, pdf_bsdf);
+    return select(delta, F(1.0f), other);
+}
+
+/// The surfaces that some paths met: what their shapes and places say, lane by lane.
+struct MetShapes {
+    TriangleCorners<F> corners;
+    SphereLightOf<F> sphere;  // center and radius
+    TransformOf<F> world_from_group;
+    F sign;
+    U emission, light;
+    M on_sphere, placed, emits;
+};
+
+/// Lanes are filled one by one in memory and read back whole.
+struct LaneBuffer {
+    alignas(64) float at[lanes];
+    F all() const { return load(at); }
+};
+struct LaneBuffer3 {
+    LaneBuffer x, y, z;
+    void set(int lane, float a, float b, float c) {
+        x.at[lane] = a;
+        y.at[lane] = b;
+        z.at[lane] = c;
+    }
+    void set(int lane, const Vec3f& v) { set(lane, v.x, v.y, v.z); }
+    Vec3<F> all() const { return {x.all(), y.all(), z.all()}; }
+};
+
+inline MetShapes fetch_shapes(const BatchScene& b, const Paths& paths, U slots) {
+    LaneBuffer3 p[3], n[3], center, mx, my, mz, mo;
+    LaneBuffer u[3], v[3], radius, sign;
+    alignas(64) std::uint32_t slot[lanes], emission[lanes], light[lanes];
+    std::uint32_t on_sphere = 0, placed = 0, emits = 0, has_uv = 0;
+    store(slot, slots);
+    for (int i = 0; i < lanes; ++i) {
+        const std::uint32_t s = slot[i];
+        const std::uint32_t instance = paths.instance.at[s];
+        const std::uint32_t geometry = paths.geometry.at[s];
+        const ShapeRecord& shape = b.shapes.at(instance, geometry);
+        const std::uint32_t bit = 1u << i;
+        sign.at[i] = shape.sign;
+        emission[i] = light[i] = 0;
+        if (shape.emission != no_index) {
+            emits |= bit;
+            emission[i] = shape.emission;
+            Hit hit;
+            hit.geometry = geometry;
+            hit.primitive = paths.primitive.at[s];
+            hit.instance = instance;
+            light[i] = light_of(b.scene, hit);
+        }
+        if (instance != no_index) {
+            placed |= bit;
+            const Transform& m = b.scene.instances[instance].world_from_group;
+            mx.set(i, m.x);
+            my.set(i, m.y);
+            mz.set(i, m.z);
+            mo.set(i, m.origin);
+        }
+        if (shape.sphere != nullptr) {
+            on_sphere |= bit;
+            center.set(i, shape.sphere->center);
+            radius.at[i] = shape.sphere->radius;
+            continue;
+        }
+        const std::uint32_t* corner =
+            shape.indices + 3 * static_cast<std::size_t>(paths.primitive.at[s]);
+        has_uv |= shape.uvs != nullptr ? bit : 0;
+        for (int k = 0; k < 3; ++k) {
+            const std::size_t c = corner[k];
+            const float* at = shape.positions + 3 * c;
+            p[k].set(i, at[0], at[1], at[2]);
+            if (shape.normals != nullptr) {
+                const float* normal = shape.normals + 3 * c;
+                n[k].set(i, normal[0], normal[1], normal[2]);
+            } else {
+                n[k].set(i, 0, 0, 0);
+            }
+            if (shape.uvs != nullptr) {
+                u[k].at[i] = shape.uvs[2 * c];
+                v[k].at[i] = shape.uvs[2 * c + 1];
+            } else {
+                u[k].at[i] = k == 1 ? 1.0f : 0.0f;
+                v[k].at[i] = k == 2 ? 1.0f : 0.0f;
+            }
+        }
+    }
+    MetShapes met;
+    for (int k = 0; k < 3; ++k) {
+        met.corners.p[k] = p[k].all();
+        met.corners.n[k] = n[k].all();
+        met.corners.uv[k] = {u[k].all(), v[k].all()};
+    }
+    met.corners.has_uv = M::of_bits(has_uv);
+    met.sign = sign.all();
+    met.emission = load(emission);
+    met.light = load(light);
+    met.on_sphere = M::of_bits(on_sphere);
+    met.placed = M::of_bits(placed);
+    met.emits = M::of_bits(emits);
+    if (on_sphere != 0) {
+        met.sphere.center = center.all();
+        met.sphere.radius = radius.all();
+    }
+    if (placed != 0) {
+        met.world_from_group = {mx.all(), my.all(), mz.all(), mo.all()};
+    }
+    return met;
+}
+
+inline Geometry<F> geometry_of(const MetShapes& met, const Paths& paths, U slots) {
+    Geometry<F> g;
+    if (!all(met.on_sphere)) {
+        g = triangle_geometry(met.corners, paths.hit_u[slots], paths.hit_v[slots]);
+    }
+    if (any(met.on_sphere)) {
+        const auto round = sphere_geometry(met.sphere.center, met.sphere.radius,
+                                           paths.hit_normal[slots]);
+        g = select<F>(met.on_sphere, round, g);
+    }
+    if (any(met.placed)) {
+        g = select<F>(met.placed, in_world(g, met.world_from_group), g);
+    }
+    return g;
+}
+
+/// Radiance that the surfaces emit towards where the rays came from, weighted by what the
+/// sampling of each light leaves it.
+inline Vec3<F> met_radiance(const BatchScene& b, const Paths& paths, U slots, M emits,
+                            const MetShapes& met, const SurfacePoint<F>& s,
+                            const Vec3<F>& direction) {
+    const M front = dot(s.normal, direction) < F(0.0f);
+    const Vec3<F> zero(F(0.0f));
+    Vec3<F> radiance = emitted_radiance<F>(
+        b.scene,
+        select(emits, met.emission, U(met.emission.lane(std::countr_zero(bits(emits))))),
+        s.uv, front);
+    radiance = select(emits, radiance, zero);
+    const F pdf_bsdf = paths.pdf_bsdf[slots];
+    const M rivals = emits & (pdf_bsdf > F(0.0f)) & (max_component(radiance) > F(0.0f));
+    if (!any(rivals)) {
+        return radiance;
+    }
+    const LightReceiverOf<F> from{paths.from[slots], paths.from_normal[slots]};
+    const U light = select(rivals, met.light, U(0u));
+    const F pdf =
+        pdf_light(b.scene, light, rivals, from.p, direction, length(s.p - from.p)) *
+        pmf_of_near_light(b.scene, from, light);
+    const F weight = weight_of_bsdf(b.estimator.strategy, pdf_bsdf, pdf);
+    return radiance * select(rivals, weight, F(1.0f));
+}
+
+/// Radiance from beyond the scene, weighted as above.
+inline Vec3<F> escaped_radiance(const BatchScene& b, const Paths& paths, U slots) {
+    Vec3<F> sum(F(0.0f));
+    const Vec3<F> direction = paths.direction[slots];
+    const F pdf_bsdf = paths.pdf_bsdf[slots];
+    const M rivals = pdf_bsdf > F(0.0f);
+    for (std::uint32_t i = 0; i < b.scene.far_lights.size(); ++i) {
+        const auto* light =
+            std::get_if<EnvironmentLight>(&b.scene.lights[b.scene.far_lights[i]]);
+        if (light == nullptr) {
+            continue;
+        }
+        const Vec3<F> radiance =
+            environment_radiance(*light, b.scene.textures, direction);
+        F weight(1.0f);
+        if (any(rivals)) {
+            const F pdf =
+                pdf_environment(*light, direction) * F(pmf_of_far_light(b.scene, i));
+            weight = select(rivals, weight_of_bsdf(b.estimator.strategy, pdf_bsdf, pdf),
+                            weight);
+        }
+        sum += radiance * weight;
+    }
+    return sum;
+}
+
+/// What the lanes of one call of `shade` have in common.
+struct Vertex {
+    const BatchScene& b;
+    Paths& paths;
+    ShadowRays& shadows;
+    Batch& batch;
+    int depth;
+    U slots;
+    M valid;
+    RayCounts& counts;
+
+    Sample4<F> draw(std::uint32_t group) const {
+        const SampleKey<F> key{paths.pixel_key[slots], paths.sample_index[slots]};
+        return sample_4d(b.estimator.sampler, key, group);
+    }
+};
+
+/// Chooses a light by what it may contribute, and leaves a shadow ray to it with the
+/// light that the surface scatters from there.
+template <class B>
+inline void sample_direct_light(const Vertex& at, const SurfacePoint<F>& s, const B& bsdf,
+                                const Vec3<F>& dir_out, const Vec3<F>& throughput,
+                                const LightReceiverOf<F>& receiver) {
+    const Sample4<F> u = at.draw(light_group(at.depth));
+    const LightChoiceOf<F> choice = choose_light(at.b.scene, receiver, u[0]);
+    M wanted = at.valid & (choice.pmf > F(0.0f));
+    if (!any(wanted)) {
+        return;
+    }
+    const LightSampleOf<F> light =
+        sample_light(at.b.scene, choice.light, wanted, s.p, u[1], u[2]);
+    wanted = wanted & (light.pdf_solid_angle > F(0.0f));
+    const BsdfValue<F> f = evaluate(bsdf, dir_out, s.shading.to_local(light.direction));
+    const F pdf = light.pdf_solid_angle * choice.pmf;
+    const F weight =
+        weight_of_light(at.b.estimator.strategy, light.delta, pdf, f.pdf_solid_angle);
+    const Vec3<F> seen = f.value * light.radiance;
+    wanted = wanted & (max_component(seen) > F(0.0f));
+    const Vec3<F> origin = offset_origin(s.p, s.normal, light.direction, s.error);
+    // To a point: the ray is that segment, so that its end cannot pass the light by
+    // rounding.
+    const Vec3<F> direction =
+        select(light.infinite, light.direction, light.point - origin);
+    ShadowRays& rays = at.shadows;
+    const int end = rays.size;
+    rays.origin.append(wanted, end, origin);
+    rays.direction.append(wanted, end, direction);
+    rays.light.append(wanted, end, throughput * seen * (weight / pdf));
+    compress_store(wanted, select(light.infinite, F(infinity), F(1.0f - 1e-6f)),
+                   rays.t_far.at + end);
+    rays.size += compress_store(wanted, at.slots, rays.slot.at + end);
+}
+
+template <class B>
+inline void store_first_hit(const Vertex& at, const SurfacePoint<F>& s, const B& bsdf) {
+    const auto put = [&](float* to, F value) { scatter(at.valid, to, at.slots, value); };
+    const Vec3<F> color = albedo(bsdf);
+    put(at.batch.albedo[0], color.x);
+    put(at.batch.albedo[1], color.y);
+    put(at.batch.albedo[2], color.z);
+    put(at.batch.normal[0], s.shading.n.x);
+    put(at.batch.normal[1], s.shading.n.y);
+    put(at.batch.normal[2], s.shading.n.z);
+    const Camera& camera = at.b.camera;
+    put(at.batch.depth, F(0.0f) - dot(s.p - in_lanes(camera.origin),
+                                      in_lanes(camera.world_from_camera.n)));
+    scatter(at.valid, at.batch.hit, at.slots, U(1u));
+}
+
+/// Goes on in a direction that the material chooses, or ends the path.
+template <class B>
+inline void scatter_paths(const Vertex& at, const SurfacePoint<F>& s, const B& bsdf,
+                          const Vec3<F>& dir_out, Vec3<F> throughput,
+                          const LightReceiverOf<F>& receiver) {
+    const Sample4<F> u = at.draw(bsdf_group(at.depth));
+    const BsdfSample<F> next = sample(bsdf, dir_out, {u[0], u[1], u[2]});
+    throughput *= next.weight;
+    M alive = at.valid & (max_component(throughput) > F(0.0f));
+    const F eta_scale = at.paths.eta_scale[at.slots] * next.eta;
+    // Russian roulette: end paths that carry little, make up for it in the others.
+    const EstimatorSettings& e = at.b.estimator;
+    if (e.rr_depth >= 0 && at.depth >= e.rr_depth) {
+        const F survival = min(max_component(throughput) * sqr(eta_scale), F(0.95f));
+        alive = alive & (u[3] < survival);
+        throughput *= F(1.0f) / survival;
+    }
+    const Vec3<F> direction = normalize(s.shading.to_world(next.dir_in));
+    Paths& p = at.paths;
+    p.throughput.put(alive, at.slots, throughput);
+    p.eta_scale.put(alive, at.slots, eta_scale);
+    p.from.put(alive, at.slots, s.p);
+    p.from_normal.put(alive, at.slots, receiver.normal);
+    p.pdf_bsdf.put(alive, at.slots, select(next.specular, F(0.0f), next.pdf_solid_angle));
+    p.origin.put(alive, at.slots, offset_origin(s.p, s.normal, direction, s.error));
+    p.direction.put(alive, at.slots, direction);
+    scatter(at.valid, p.alive.at, at.slots, select(alive, U(1u), U(0u)));
+    at.counts.bounce += static_cast<std::uint64_t>(count(alive));
+}
+
+/// All that happens at one vertex.
+template <class Kind>
+inline void shade(const Vertex& at, const Material& material, const Kind& kind) {
+    const BatchScene& b = at.b;
+    const Vec3<F> direction = at.paths.direction[at.slots];
+    const MetShapes met = fetch_shapes(b, at.paths, at.slots);
+    const SurfacePoint<F> s =
+        surface_point(geometry_of(met, at.paths, at.slots), met.sign, material,
+                      b.scene.textures, -direction);
+    const Vec3<F> throughput = at.paths.throughput[at.slots];
+    const M emits = at.valid & met.emits;
+    if (any(emits)) {
+        at.paths.radiance.add(
+            emits, at.slots,
+            throughput * met_radiance(b, at.paths, at.slots, emits, met, s, direction));
+    }
+    const bool last = at.depth >= b.estimator.max_depth;
+    const bool first = at.depth == 1 && b.first_hits;
+    if (last && !first) {
+        scatter(at.valid, at.paths.alive.at, at.slots, U(0u));
+        return;
+    }
+    const auto bsdf = make_bsdf(kind, detail::Parameters<F>{b.scene.textures, s.uv});
+    if (first) {
+        store_first_hit(at, s, bsdf);
+    }
+    if (last) {
+        scatter(at.valid, at.paths.alive.at, at.slots, U(0u));
+        return;
+    }
+    const Vec3<F> dir_out = s.shading.to_local(-direction);
+    const LightReceiverOf<F> receiver{
+        s.p, select(is_transmissive(bsdf), Vec3<F>(F(0.0f)), s.shading.n)};
+    if (!is_specular(material) && !b.scene.lights.empty()) {
+        sample_direct_light(at, s, bsdf, dir_out, throughput, receiver);
+    }
+    scatter_paths(at, s, bsdf, dir_out, throughput, receiver);
+}
+
+}  // namespace RAYKILN_WIDE_NAMESPACE
+}  // namespace raykiln

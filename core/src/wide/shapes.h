@@ -1,0 +1,49 @@
+#pragma once
+
+#include <vector>
+
+#include "scene/scene.h"
+
+namespace raykiln {
+
+/// All that shading needs of a mesh or sphere, found with one index.
+struct ShapeRecord {
+    const float* positions;
+    const std::uint32_t* indices;
+    const float* normals;  ///< or null
+    const float* uvs;      ///< or null
+    const Sphere* sphere;  ///< or null: a mesh
+    std::uint32_t material, emission;
+    float sign;  ///< -1: normals are flipped
+};
+
+/// The shapes of all groups in one list.
+struct ShapeList {
+    std::vector<ShapeRecord> shapes;
+    std::vector<std::uint32_t> first_of_group, group_of_instance;
+
+    explicit ShapeList(const Scene& scene) {
+        for (const Group& group : scene.groups) {
+            first_of_group.push_back(static_cast<std::uint32_t>(shapes.size()));
+            for (const Mesh& m : group.meshes) {
+                shapes.push_back({m.positions, m.indices, m.normals, m.uvs, nullptr,
+                                  m.material, m.emission, m.flip_normals ? -1.0f : 1.0f});
+            }
+            for (const Sphere& s : group.spheres) {
+                shapes.push_back({nullptr, nullptr, nullptr, nullptr, &s, s.material,
+                                  s.emission, s.flip_normals ? -1.0f : 1.0f});
+            }
+        }
+        for (const Instance& instance : scene.instances) {
+            group_of_instance.push_back(instance.group);
+        }
+    }
+
+    const ShapeRecord& at(std::uint32_t instance, std::uint32_t geometry) const {
+        const std::uint32_t group =
+            instance == no_index ? 0 : group_of_instance[instance];
+        return shapes[first_of_group[group] + geometry];
+    }
+};
+
+}  // namespace raykiln

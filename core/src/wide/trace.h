@@ -1,0 +1,172 @@
+#pragma once
+
+#include "integrator/context.h"
+#include "wide/planes.h"
+
+// Rays of a batch through Embree. Packets hold samples of one pixel and pass only, and
+// the others of its rays go one by one: so what a path meets never depends on which other
+// pixels are in the batch. (Two surfaces at exactly one distance are told apart by the
+// order in which they are met, and that differs from packet to packet.)
+
+namespace raykiln {
+inline namespace RAYKILN_WIDE_NAMESPACE {
+
+// Fewer rays than this are faster one by one.
+constexpr int least_packet = lanes >= 16 ? 6 : lanes >= 8 ? 4 : 3;
+
+inline Context lane_context(const BatchScene& b, const Paths& paths, std::uint32_t slot,
+                            RayCounts& counts) {
+    return {b.scene,
+            b.accel,
+            b.estimator,
+            {paths.pixel_key.at[slot], paths.sample_index.at[slot]},
+            counts};
+}
+
+inline void set_hit(Paths& paths, std::uint32_t slot, const Hit& hit) {
+    paths.hit_t.at[slot] = hit.t;
+    paths.hit_u.at[slot] = hit.u;
+    paths.hit_v.at[slot] = hit.v;
+    paths.hit_normal.x.at[slot] = hit.normal.x;
+    paths.hit_normal.y.at[slot] = hit.normal.y;
+    paths.hit_normal.z.at[slot] = hit.normal.z;
+    paths.geometry.at[slot] = hit.geometry;
+    paths.primitive.at[slot] = hit.primitive;
+    paths.instance.at[slot] = hit.instance;
+}
+
+/// Rays in the slots from `begin` on, those of the bits of `which`.
+inline void trace_packet(const BatchScene& b, Paths& paths, std::uint32_t begin,
+                         std::uint32_t which, bool camera_rays) {
+    RayPacket<lanes> p;
+    p.prepare();
+    const auto copy = [&](float* to, const Plane& plane) {
+        store(to, load(plane.at + begin));
+    };
+    copy(p.origin_x, paths.origin.x);
+    copy(p.origin_y, paths.origin.y);
+    copy(p.origin_z, paths.origin.z);
+    copy(p.direction_x, paths.direction.x);
+    copy(p.direction_y, paths.direction.y);
+    copy(p.direction_z, paths.direction.z);
+    if (camera_rays) {
+        copy(p.t_near, paths.t_near);
+        copy(p.t_far, paths.t_far);
+    } else {
+        store(p.t_near, F(0.0f));
+        store(p.t_far, F(infinity));
+    }
+    const M mask = M::of_bits(which);
+    store(reinterpret_cast<std::uint32_t*>(p.valid), select(mask, U(0xffffffffu), U(0u)));
+    b.accel.intersect(p, camera_rays);
+    const U slots = U(begin) + iota<U>();
+    const auto put = [&](Plane& plane, const float* from) {
+        plane.put(mask, slots, load(from));
+    };
+    put(paths.hit_t, p.t_far);
+    put(paths.hit_u, p.u);
+    put(paths.hit_v, p.v);
+    put(paths.hit_normal.x, p.normal_x);
+    put(paths.hit_normal.y, p.normal_y);
+    put(paths.hit_normal.z, p.normal_z);
+    scatter(mask, paths.geometry.at, slots, load(p.geometry));
+    scatter(mask, paths.primitive.at, slots, load(p.primitive));
+    scatter(mask, paths.instance.at, slots, load(p.instance));
+}
+
+inline Ray lane_ray(const Paths& paths, std::uint32_t slot, bool camera_rays) {
+    Ray ray{paths.origin.one(slot), paths.direction.one(slot)};
+    if (camera_rays) {
+        ray.t_near = paths.t_near.at[slot];
+        ray.t_far = paths.t_far.at[slot];
+    }
+    return ray;
+}
+
+/// Finds what the rays of the `active` slots (ascending) meet.
+inline void trace_paths(const BatchScene& b, Paths& paths, const Indices& active,
+                        int count, int depth, RayCounts& counts) {
+    const bool camera_rays = depth == 1;
+    if (b.scene.has_opacity) {
+        for (int i = 0; i < count; ++i) {
+            const std::uint32_t slot = active.at[i];
+            const Context c = lane_context(b, paths, slot, counts);
+            set_hit(paths, slot,
+                    trace(c, lane_ray(paths, slot, camera_rays), bsdf_group(depth)));
+        }
+        return;
+    }
+    for (int i = 0; i < count;) {
+        const std::uint32_t home = paths.home.at[active.at[i]];
+        std::uint32_t which = 0;
+        int end = i;
+        while (end < count && paths.home.at[active.at[end]] == home) {
+            which |= 1u << (active.at[end] - home);
+            ++end;
+        }
+        if (end - i >= least_packet) {
+            trace_packet(b, paths, home, which, camera_rays);
+        } else {
+            for (int k = i; k < end; ++k) {
+                const std::uint32_t slot = active.at[k];
+                set_hit(paths, slot,
+                        b.accel.intersect(lane_ray(paths, slot, camera_rays)));
+            }
+        }
+        i = end;
+    }
+}
+
+/// Whether something is between: any packet will do, as only that counts.
+inline M shadowed(const BatchScene& b, const ShadowRays& rays, int begin, M wanted) {
+    RayPacket<lanes> p;
+    p.prepare();
+    store(p.origin_x, load(rays.origin.x.at + begin));
+    store(p.origin_y, load(rays.origin.y.at + begin));
+    store(p.origin_z, load(rays.origin.z.at + begin));
+    store(p.direction_x, load(rays.direction.x.at + begin));
+    store(p.direction_y, load(rays.direction.y.at + begin));
+    store(p.direction_z, load(rays.direction.z.at + begin));
+    store(p.t_near, F(0.0f));
+    store(p.t_far, load(rays.t_far.at + begin));
+    store(reinterpret_cast<std::uint32_t*>(p.valid),
+          select(wanted, U(0xffffffffu), U(0u)));
+    b.accel.occluded(p);
+    return load(p.t_far) < F(0.0f);
+}
+
+/// The same where surfaces may let rays through: one by one.
+inline M shadowed_through_opacity(const BatchScene& b, const Paths& paths,
+                                  const ShadowRays& rays, int begin, M wanted, int depth,
+                                  RayCounts& counts) {
+    std::uint32_t blocked = 0;
+    for (int i = 0; i < lanes; ++i) {
+        if (!wanted.lane(i)) {
+            continue;
+        }
+        const auto k = static_cast<std::uint32_t>(begin + i);
+        const Context c = lane_context(b, paths, rays.slot.at[k], counts);
+        const Ray ray{rays.origin.one(k), rays.direction.one(k), 0.0f, rays.t_far.at[k]};
+        blocked |= (trace(c, ray, light_group(depth)).valid() ? 1u : 0u) << i;
+    }
+    return M::of_bits(blocked);
+}
+
+/// Adds the light of those shadow rays that nothing stops.
+inline void trace_shadows(const BatchScene& b, Paths& paths, ShadowRays& rays, int depth,
+                          RayCounts& counts) {
+    counts.shadow += static_cast<std::uint64_t>(rays.size);
+    for (int i = 0; i < rays.size; i += lanes) {
+        const M wanted = M::first(std::min(lanes, rays.size - i));
+        const M blocked =
+            b.scene.has_opacity
+                ? shadowed_through_opacity(b, paths, rays, i, wanted, depth, counts)
+                : shadowed(b, rays, i, wanted);
+        const U slots = select(wanted, load(rays.slot.at + i), U(0u));
+        paths.radiance.add(wanted & !blocked, slots, rays.light.load_at(i));
+    }
+    rays.size = 0;
+}
+
+}  // namespace RAYKILN_WIDE_NAMESPACE
+}  // namespace raykiln
