@@ -71,11 +71,13 @@ PYTHON_ROOMS: dict[str, Room] = {
         | {f"raykiln_service.{name}" for name in ("beside", "idempotency", "ownership", "quotas")}
         | {f"raykiln_service.{name}" for name in ("tables_access", "tokens")}
         | {f"raykiln_service.{name}" for name in ("migrations", "store_base", "store_queue")}
+        | {"raykiln_service.store_retention"}
         | {f"raykiln_service.{name}" for name in ("tables", "tables_frames", "units")},
         {"jobs"},
     ),
     "assets": Room(
-        {f"raykiln_service.{name}" for name in ("assets", "bundles", "cache", "retention", "uploads")},
+        {f"raykiln_service.{name}" for name in ("assets", "bundles", "cache", "retention")}
+        | {"raykiln_service.uploads"},
         {"jobs", "store", "renderer", "formats"},
     ),
     "events": Room(
@@ -104,7 +106,7 @@ PYTHON_ROOMS: dict[str, Room] = {
     "client": Room({"raykiln_service.client"}, {"jobs", "formats"}),
     "commands": Room(
         {"raykiln_service.cli", "raykiln_service.commands"},
-        {"jobs", "store", "client", "app", "renderer", "scene", "image"},
+        {"jobs", "store", "assets", "client", "app", "renderer", "scene", "image"},
     ),
 }
 

@@ -2,6 +2,7 @@
 
 The data folder:
 
+    assets.lock                 held while an upload is kept or removed
     lock                        held by the one service that uses the folder
     raykiln.db, -wal, -shm      the database (unless it is elsewhere)
     assets/ab/cdef...           uploads, named by the SHA-256 of their bytes
@@ -18,13 +19,15 @@ The data folder:
 
 from __future__ import annotations
 
+import fcntl
 import hashlib
 import json
 import os
 import secrets
 import shutil
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any, BinaryIO
@@ -150,17 +153,38 @@ class AssetStore:
         """
         place = self.path_of(f"sha256:{digest}")
         size = path.stat().st_size
-        if not place.exists():
-            if not place.parent.exists():
-                place.parent.mkdir(exist_ok=True)
-                sync_dir(place.parent.parent)
-            work = self.tmp / f"asset-{secrets.token_hex(8)}"
-            _link(path, work)
-            work.chmod(0o444)
-            sync_file(work)
-            work.replace(place)
-            sync_dir(place.parent)
-        return self.store.add_asset(f"sha256:{digest}", size, name, caller, counted=counted)
+        with self._no_clean_up():
+            if not place.exists():
+                if not place.parent.exists():
+                    place.parent.mkdir(exist_ok=True)
+                    sync_dir(place.parent.parent)
+                work = self.tmp / f"asset-{secrets.token_hex(8)}"
+                _link(path, work)
+                work.chmod(0o444)
+                sync_file(work)
+                work.replace(place)
+                sync_dir(place.parent)
+            return self.store.add_asset(f"sha256:{digest}", size, name, caller, counted=counted)
+
+    def drop(self, asset_id: str, commit: Callable[[], bool]) -> bool:
+        """Remove an asset's files if `commit` says that its row is gone; whether it did."""
+        with self._no_clean_up():
+            if not commit():
+                return False
+            self.path_of(asset_id).unlink(missing_ok=True)
+            for folder in self._bundles.glob(asset_id.removeprefix("sha256:") + "*"):
+                remove_tree(folder)
+        return True
+
+    @contextmanager
+    def _no_clean_up(self) -> Iterator[None]:
+        """Between the look at an asset's file and the note in the database no one removes it.
+
+        The lock is on a file: `raykiln gc` is a process of its own.
+        """
+        with (self.root / "assets.lock").open("ab") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            yield
 
     def keep_inline(self, job_id: str, scene: Mapping[str, Any]) -> None:
         """Write the inline scene of a new job."""
@@ -183,6 +207,7 @@ class AssetStore:
             return {"name": scene["name"]}
         try:
             asset = self.store.asset(scene["asset"], caller)
+            self.store.touch_assets([asset.id])
         except NotFoundError as error:
             raise InvalidSceneError(
                 error.detail, pointer="/scene/asset", accepted="the id that an upload answered"

@@ -11,7 +11,18 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from raykiln_service.commands import batch, compare, remote, render, scenes, serve, token, watch
+from raykiln_service.commands import (
+    batch,
+    compare,
+    gc,
+    queue,
+    remote,
+    render,
+    scenes,
+    serve,
+    token,
+    watch,
+)
 from raykiln_service.commands.console import CommandError, ExitCode, print_error
 
 app = typer.Typer(
@@ -34,6 +45,8 @@ app.command()(remote.status)
 app.command()(watch.watch)
 app.command()(remote.download)
 app.command()(remote.cancel)
+app.command()(queue.queue)
+app.command()(gc.gc)
 app.add_typer(token.app, name="token")
 
 

@@ -111,8 +111,7 @@ class Dispatcher:
             signals = self._signals
             job = self._claim()
             if job is None:
-                with self._wake:
-                    self._wake.wait_for(lambda n=signals: self._signals != n, _IDLE_S)
+                self._sleep(signals)
                 continue
             try:
                 if not self._answered(job):
@@ -120,6 +119,10 @@ class Dispatcher:
             except Exception:
                 # A slot must outlive whatever one job does to it; the job's lease runs out.
                 self._log.exception("attempt broke in the service", job=job.id)
+
+    def _sleep(self, signals: int) -> None:
+        with self._wake:
+            self._wake.wait_for(lambda: self._signals != signals, _IDLE_S)
 
     def _claim(self) -> Job | None:
         try:

@@ -46,6 +46,12 @@ class Metrics:
         for kind in ("camera", "bounce", "shadow"):
             self.rays.labels(kind).inc(float(stats.get(f"{kind}_rays") or 0))
 
+    def note_sweep(self, jobs: int, assets: int, freed_bytes: int) -> None:
+        """Count what a clean-up removed."""
+        self.removed.labels("job").inc(jobs)
+        self.removed.labels("asset").inc(assets)
+        self.removed_bytes.inc(freed_bytes)
+
     def note_answer(self) -> None:
         """Count a job that was answered from the cache."""
         self.cache_hits.inc()

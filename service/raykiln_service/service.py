@@ -21,6 +21,7 @@ from raykiln_service.executors.local import LocalExecutor
 from raykiln_service.logs import get_logger
 from raykiln_service.metrics import Metrics
 from raykiln_service.queueing import QueueWatch
+from raykiln_service.retention import Keeper, Rounds
 from raykiln_service.routes.context import Context
 from raykiln_service.settings import ServiceSettings
 from raykiln_service.store import Store
@@ -63,6 +64,8 @@ class Service:
         self.dispatcher = Dispatcher(
             self.store, self.assets, self.executor, cache, self.hub, self.metrics, settings
         )
+        keeper = Keeper(self.store, self.assets, settings, self.hub.forget)
+        self.rounds = Rounds(keeper, settings.gc_interval_s, self.metrics.note_sweep)
         self.context = Context(
             settings=settings,
             store=self.store,
@@ -83,6 +86,7 @@ class Service:
                 sqlite=sqlite3.sqlite_version,
             )
         self.dispatcher.start()
+        self.rounds.start()
 
     def readiness(self) -> dict[str, str]:
         """ "ok" or what is wrong, by part."""
@@ -104,6 +108,7 @@ class Service:
         """End it all."""
         self.begin_stop()
         self.dispatcher.finish_stop(_STOP_S)
+        self.rounds.stop(_STOP_S)
         self.checks.close()
         self.database.close()
         self._lock.close()

@@ -28,13 +28,14 @@ from raykiln_service.quotas import admit_bytes, admit_job
 from raykiln_service.rows import Asset, StateEvent, asset_of, dump, event_of, job_of
 from raykiln_service.store_base import Change, now_ms
 from raykiln_service.store_queue import NO_TRAITS, QueueStore, Traits
+from raykiln_service.store_retention import RetentionStore
 from raykiln_service.tables import IS_QUEUED, assets, events, job_labels, jobs
 from raykiln_service.units import add_frames, reset_frames
 
 __all__ = ["IDEMPOTENCY_MS", "Store", "now_ms"]
 
 
-class Store(LeaseStore, QueueStore):
+class Store(LeaseStore, QueueStore, RetentionStore):
     """Jobs, assets and events in a database.  All methods may be called from any thread."""
 
     # Assets
@@ -61,9 +62,16 @@ class Store(LeaseStore, QueueStore):
             It is new to the caller, whose uploads would come to too much.
         """
         insert = self._insert(assets).values(
-            id=asset_id, size_bytes=size_bytes, filename=filename, created_ms=self.clock()
+            id=asset_id,
+            size_bytes=size_bytes,
+            filename=filename,
+            created_ms=self.clock(),
+            used_ms=self.clock(),
         )
-        changed = {"filename": sa.func.coalesce(insert.excluded.filename, assets.c.filename)}
+        changed = {
+            "filename": sa.func.coalesce(insert.excluded.filename, assets.c.filename),
+            "used_ms": insert.excluded.used_ms,
+        }
         with self.database.write() as connection:
             if not counted and not owned_assets(connection, caller, [asset_id]):
                 admit_bytes(connection, caller, size_bytes)
@@ -92,6 +100,7 @@ class Store(LeaseStore, QueueStore):
         """Those of the ids whose bytes the caller would have to upload, in their order."""
         with self.database.read() as connection:
             there = owned_assets(connection, caller, asset_ids)
+        self.touch_assets(there)
         return [asset_id for asset_id in dict.fromkeys(asset_ids) if asset_id not in there]
 
     # Submission

@@ -93,6 +93,21 @@ class AsyncClient(ClientBase):
         document: dict[str, Any] = await self._send(Call("GET", "/v1/version"))
         return document
 
+    async def queue(self) -> dict[str, Any]:
+        """The queue as a whole: how much waits and runs, and whether it is paused."""
+        document: dict[str, Any] = await self._send(Call("GET", "/v1/queue"))
+        return document
+
+    async def pause_queue(self, reason: str | None = None) -> dict[str, Any]:
+        """Begin no further jobs; those that run go on."""
+        document: dict[str, Any] = await self._send(calls.pause_call(reason))
+        return document
+
+    async def resume_queue(self) -> dict[str, Any]:
+        """Begin jobs again."""
+        document: dict[str, Any] = await self._send(Call("POST", "/v1/queue/resume"))
+        return document
+
     async def scenes(self) -> list[dict[str, Any]]:
         """The scenes that the service bundles."""
         return calls.items_of(await self._send(Call("GET", "/v1/scenes")))
@@ -117,6 +132,7 @@ class AsyncClient(ClientBase):
         outputs: list[str] | None = None,
         priority: int = 0,
         labels: Mapping[str, str] | None = None,
+        cache: bool = True,
         idempotency_key: str | None = None,
         wait_s: float | None = None,
     ) -> Job:
@@ -130,6 +146,8 @@ class AsyncClient(ClientBase):
             `RenderSettings` fields.
         idempotency_key
             Two submissions with one key give one job; None = a fresh key.
+        cache
+            Whether the result of an identical job may be the answer.
         wait_s
             Let the service hold the answer back until the job ends, this long at most.
         """
@@ -139,6 +157,7 @@ class AsyncClient(ClientBase):
             outputs=outputs,
             priority=priority,
             labels=labels,
+            cache=cache,
             idempotency_key=idempotency_key,
             wait_s=wait_s,
         )

@@ -98,6 +98,21 @@ class Client(ClientBase):
         document: dict[str, Any] = self._send(Call("GET", "/v1/version"))
         return document
 
+    def queue(self) -> dict[str, Any]:
+        """The queue as a whole: how much waits and runs, and whether it is paused."""
+        document: dict[str, Any] = self._send(Call("GET", "/v1/queue"))
+        return document
+
+    def pause_queue(self, reason: str | None = None) -> dict[str, Any]:
+        """Begin no further jobs; those that run go on."""
+        document: dict[str, Any] = self._send(calls.pause_call(reason))
+        return document
+
+    def resume_queue(self) -> dict[str, Any]:
+        """Begin jobs again."""
+        document: dict[str, Any] = self._send(Call("POST", "/v1/queue/resume"))
+        return document
+
     def scenes(self) -> list[dict[str, Any]]:
         """The scenes that the service bundles."""
         return calls.items_of(self._send(Call("GET", "/v1/scenes")))
@@ -122,6 +137,7 @@ class Client(ClientBase):
         outputs: list[str] | None = None,
         priority: int = 0,
         labels: Mapping[str, str] | None = None,
+        cache: bool = True,
         idempotency_key: str | None = None,
         wait_s: float | None = None,
     ) -> Job:
@@ -135,6 +151,8 @@ class Client(ClientBase):
             `RenderSettings` fields.
         idempotency_key
             Two submissions with one key give one job; None = a fresh key.
+        cache
+            Whether the result of an identical job may be the answer.
         wait_s
             Let the service hold the answer back until the job ends, this long at most.
         """
@@ -144,6 +162,7 @@ class Client(ClientBase):
             outputs=outputs,
             priority=priority,
             labels=labels,
+            cache=cache,
             idempotency_key=idempotency_key,
             wait_s=wait_s,
         )

@@ -81,6 +81,7 @@ def submit_call(
     priority: int,
     labels: Mapping[str, str] | None,
     idempotency_key: str | None,
+    cache: bool = True,
     wait_s: float | None,
 ) -> Call:
     """Submit a job; without a key of the caller's, a fresh one makes the call repeatable."""
@@ -91,12 +92,19 @@ def submit_call(
         body["priority"] = priority
     if labels:
         body["labels"] = dict(labels)
+    if not cache:
+        body["cache"] = False
     headers = {"Idempotency-Key": idempotency_key or secrets.token_hex(16)}
     timeout_s = None
     if wait_s is not None:
         headers["Prefer"] = f"wait={max(0, round(wait_s))}"
         timeout_s = wait_s + 30
     return Call("POST", "/v1/jobs", headers=headers, json=body, timeout_s=timeout_s)
+
+
+def pause_call(reason: str | None) -> Call:
+    """Pause the queue."""
+    return Call("POST", "/v1/queue/pause", json={} if reason is None else {"reason": reason})
 
 
 def job_call(job_id: str) -> Call:

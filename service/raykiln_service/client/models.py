@@ -107,6 +107,10 @@ class Job(Model):
     progress: JobProgress = Field(default_factory=JobProgress)
     queue_position: int | None = None
     """Jobs that go before it, if it is queued."""
+    eta: dict[str, Any] | None = None
+    """``start_s`` and ``end_s``, None where unknown, and the ``basis`` of the guess."""
+    cached: bool = False
+    """Whether an earlier job's result is the answer."""
     settings: dict[str, Any] = Field(default_factory=dict)
     """As given."""
     attempts: int = 0

@@ -68,6 +68,9 @@ def submit(
         int, typer.Option("--priority", help="Higher ones go first.", metavar="N")
     ] = 0,
     label: LabelOption = None,
+    no_cache: Annotated[
+        bool, typer.Option("--no-cache", help="Render even if an identical job's result is there.")
+    ] = False,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
     options: RenderOptions,
@@ -88,7 +91,7 @@ def submit(
         targets.append(Target(stats, "stats.json"))
     with Client(server) as client:
         spec = _upload(client, scene, base_dir)
-        job = client.submit(spec, settings, priority=priority, labels=labels)
+        job = client.submit(spec, settings, priority=priority, labels=labels, cache=not no_cache)
         if not quiet:
             print_warnings(job.warnings)
         waiting = wait or bool(targets)

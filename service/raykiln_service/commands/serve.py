@@ -8,6 +8,14 @@ from typing import Annotated
 
 import typer
 
+from raykiln_service.commands.gc import (
+    KeepAssets,
+    KeepResults,
+    MaxAssets,
+    MaxResults,
+    retention_of,
+)
+
 
 def serve(
     host: Annotated[
@@ -48,6 +56,10 @@ def serve(
         bool,
         typer.Option("--require-token", help="Ask for a token on loopback too."),
     ] = False,
+    keep_results: KeepResults = None,
+    keep_assets: KeepAssets = None,
+    max_results: MaxResults = None,
+    max_assets: MaxAssets = None,
     insecure: Annotated[
         bool,
         typer.Option("--insecure", help="Let other machines in without a token."),
@@ -70,6 +82,7 @@ def serve(
         executor=executor,
         require_token=require_token or None,
         insecure=insecure or None,
+        **retention_of(keep_results, keep_assets, max_results, max_assets),
     )
     # The service ends by its own handling of these signals.
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
