@@ -9,7 +9,8 @@ class Field {
     this.control = control;
     this.trouble = h("span.bad", { id: `trouble-${name}`, role: "alert" });
     control.setAttribute("aria-describedby", this.trouble.id);
-    this.element = h("div.field", {}, h("label", {}, label, control), hint && h("span.hint", {}, hint), this.trouble);
+    const inLabel = control.type === "checkbox" ? [control, label] : [label, control];
+    this.element = h("div.field", {}, h("label", {}, inLabel), hint && h("span.hint", {}, hint), this.trouble);
     if (wide) this.element.classList.add("wide");
     control.addEventListener("input", () => this.complain(""));
   }
@@ -66,7 +67,7 @@ export class ChoiceField extends Field {
   }
 
   suggest(value) {
-    this.control.firstElementChild.textContent = value === undefined ? "" : `${value} (as it is)`;
+    this.control.firstElementChild.textContent = value === undefined ? "" : `${value} (default)`;
   }
 
   value() {
@@ -135,6 +136,14 @@ export class ManyField {
     this.element = h("fieldset.many", {}, h("legend", {}, legend),
       this.boxes.map((box) => h("label", {}, box, box.value.replaceAll("_", " "))), this.trouble);
     this.isBad = false;
+  }
+
+  /** Show only some of the values; the others are not chosen. */
+  offer(values) {
+    for (const box of this.boxes) {
+      box.parentElement.hidden = !values.includes(box.value);
+      if (box.parentElement.hidden) box.checked = false;
+    }
   }
 
   value() {

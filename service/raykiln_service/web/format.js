@@ -62,10 +62,11 @@ export function sceneName(job) {
 
 /** "512 × 512 · 64 spp": what is known of a job's image. */
 export function summary(job) {
+  const frames = job.frames ? `${job.frames.count} frames` : null;
   const { width, height, spp, integrator } = job.settings;
   const size = width || height ? `${width ?? "…"} × ${height ?? "…"}` : null;
   const samples = job.stats?.spp ?? spp;
-  return [size, samples && `${samples} spp`, integrator].filter(Boolean).join(" · ");
+  return [frames, size, samples && `${samples} spp`, integrator].filter(Boolean).join(" · ");
 }
 
 /** One line on how the job is. */
@@ -79,19 +80,23 @@ export function note(job) {
   return parts.filter(Boolean).join(" · ");
 }
 
+const PHASES = { waiting: "starting", load: "loading the scene", encode: "writing the images", gather: "putting the frames together" };
+
 function queuedNote(job) {
   const before = job.queue_position;
   if (job.attempts > 0) return "will be tried again";
   if (before === null || before === undefined) return "waiting";
   const place = before === 0 ? "next" : `${before} before it`;
-  const eta = job.eta_s ?? job.queue_eta_s;
-  return eta ? `${place} · starts in about ${duration(eta)}` : place;
+  const eta = job.eta?.start_s;
+  return eta >= 1 ? `${place} · starts in about ${duration(eta)}` : place;
 }
 
 function runningNote(job) {
-  const { phase, spp_done: done, spp, eta_s: eta } = job.progress;
+  const { phase, spp_done: done, spp, frame, frames, eta_s: own } = job.progress;
+  const eta = frames ? job.eta?.end_s : own;
   if (job.cancel_requested) return "stopping";
-  if (phase !== "render") return { load: "loading the scene", encode: "writing the images" }[phase] ?? phase;
-  const samples = spp ? `${done ?? 0} of ${spp} spp` : "rendering";
+  if (phase !== "render") return PHASES[phase] ?? phase;
+  const inFrame = spp ? `${done ?? 0} of ${spp} spp` : "rendering";
+  const samples = frames ? `frame ${frame ?? 1} of ${frames}` : inFrame;
   return eta === null || eta === undefined ? samples : `${samples} · ${duration(Math.ceil(eta))} left`;
 }

@@ -4,7 +4,7 @@ import { call, complaintOf, getJson } from "./api.js";
 import { confirmed } from "./dialogs.js";
 import { announce, fill, h, setText, throttled } from "./dom.js";
 import { fileLink } from "./downloads.js";
-import { FINAL_STATES, ago, moment, note, percent, sceneName } from "./format.js";
+import { FINAL_STATES, ago, moment, note, percent, sceneName, summary } from "./format.js";
 import { Frames } from "./frames.js";
 import { Log } from "./log.js";
 import { snippets } from "./snippet.js";
@@ -15,7 +15,7 @@ export class JobPage {
   #job = null;
   #previews = 0;
   #viewer = new Viewer();
-  #frames = new Frames((source) => this.#showImage(source));
+  #frames = new Frames(() => this.#job && this.#showImage());
   #title = h("h1", { tabindex: -1 }, "Job");
   #badge = h("span.badge");
   #note = h("p.note");
@@ -48,6 +48,7 @@ export class JobPage {
   close() {
     this.end();
     this.#viewer.close();
+    this.#frames.close();
   }
 
   #heard(news) {
@@ -59,6 +60,7 @@ export class JobPage {
       const { kind, job, ...progress } = news;
       this.#job = { ...this.#job, progress: { ...this.#job.progress, ...progress } };
       this.#showProgress();
+      this.#frames.progress(progress);
       this.log.refresh();
     } else if (news.kind === "preview") {
       this.#previews = news.number;
@@ -98,13 +100,14 @@ export class JobPage {
     this.#bar.hidden = this.#share.hidden = FINAL_STATES.has(job.state);
     this.#bar.value = job.progress.fraction;
     setText(this.#share, job.state === "running" ? percent(job.progress.fraction) : "");
-    setText(this.#note, job.state === "failed" ? "" : note(job));
+    const parts = [job.state === "failed" ? "" : note(job), summary(job)];
+    setText(this.#note, parts.filter(Boolean).join(" · "));
   }
 
-  #showImage(chosen = this.#frames.chosen) {
+  #showImage() {
     const job = this.#job;
     const named = (name) => job.outputs.find((output) => output.name === name);
-    this.#viewer.update(chosen ?? {
+    this.#viewer.update(this.#frames.chosen ?? {
       exr: named("image.exr"),
       png: named("image.png"),
       preview: job.links.preview,
@@ -173,12 +176,12 @@ export class JobPage {
       return [
         h("h2", {}, "Downloads"),
         h("div.files", {},
-          outputs.map((output) => fileLink(output.name, output.href, { size: output.size_bytes, filename: `${stemOf(scene)}-${output.name}` })),
+          imagesFirst(outputs).map((output) => fileLink(output.name, output.href, { size: output.size_bytes, filename: `${stemOf(scene)}-${output.name}` })),
           changed && exr && fileLink("image.png", `${this.path}/outputs/image.png?${query}`, {
             text: `image.png as shown (${view}, ${query.get("exposure")} EV)`,
             filename: `${stemOf(scene)}-${view}.png`,
           }),
-          links.outputs_zip && outputs.length > 1 && fileLink("outputs.zip", links.outputs_zip, { text: "All as zip", filename: `${stemOf(scene)}.zip` }),
+          links.archive && outputs.length > 1 && fileLink("outputs.zip", links.archive, { text: "All as zip", filename: `${stemOf(scene)}.zip` }),
           started && fileLink("log.txt", links.log, { filename: `${stemOf(scene)}-log.txt` })),
         outputs.length === 0 && h("p.hint", {}, "The files come when the job ends."),
       ];
@@ -232,6 +235,12 @@ export function labelLink(name, value) {
 function placeOf({ file, pointer }) {
   const place = [file, pointer].filter(Boolean).join(" ");
   return place && `${place}: `;
+}
+
+/** The image is what most come for. */
+function imagesFirst(outputs) {
+  const rank = ({ name }) => (/^image\./.test(name) ? 0 : name.endsWith(".json") ? 2 : 1);
+  return [...outputs].sort((a, b) => rank(a) - rank(b));
 }
 
 function stemOf(scene) {

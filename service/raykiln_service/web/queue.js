@@ -37,8 +37,7 @@ export class QueuePanel {
     try {
       this.#show(await (await call(`/v1/queue/${paused ? "pause" : "resume"}`, { method: "POST" })).json());
     } catch (error) {
-      this.element.title = error.message;
-      this.refresh();
+      this.element.append(h("span.bad", {}, error.message));
     }
     this.element.querySelector("button")?.focus();
   }

@@ -7,7 +7,7 @@ import { h } from "./dom.js";
 export function bodyOf(job) {
   const scene = job.scene.inline ? { inline: {} } : job.scene;
   const body = { scene, settings: job.settings, outputs: job.outputs_wanted };
-  if (job.frames_wanted) body.frames = job.frames_wanted;
+  if (job.frames) body.frames = job.frames.wanted;
   if (job.priority) body.priority = job.priority;
   if (Object.keys(job.labels).length) body.labels = job.labels;
   return body;

@@ -3,7 +3,11 @@
 import { Problem, complaintOf, freshKey, getJson, postJson } from "./api.js";
 import { h, setText } from "./dom.js";
 import { ChoiceField, CropField, LabelsField, ManyField, NumberField, SwitchField, TextField } from "./fields.js";
+import { FramesField } from "./frames-field.js";
 import { ScenePicker } from "./picker.js";
+
+const FILES = ["exr", "png"];
+const FILES_OF_FRAMES = ["contact_sheet", "webp", "mp4"];
 
 export class SubmitPage {
   #fields = [];
@@ -51,8 +55,9 @@ export class SubmitPage {
           this.#setting(new SwitchField("denoise", "Denoise"))),
         this.#setting(new ManyField("aovs", "Layers", schemas.aovs.items.enum))),
       h("fieldset.group", {}, h("legend", {}, "Job"),
+        this.#add(new FramesField((kind) => this.#offerFiles(kind)), "/frames"),
         h("div.grid", {}, this.#add(new NumberField("priority", "Priority", { type: "integer", minimum: -1000, maximum: 1000, default: 0 }), "/priority")),
-        this.#add(new ManyField("outputs", "Files", ["exr", "png"], { locked: ["exr"] }), "/outputs"),
+        this.#add(new ManyField("outputs", "Files", [...FILES, ...FILES_OF_FRAMES], { locked: ["exr"] }), "/outputs"),
         this.#add(new LabelsField(), "/labels")),
       h("details.group", {}, h("summary", {}, "More settings"),
         h("div.grid", {},
@@ -62,6 +67,13 @@ export class SubmitPage {
           number("threads", "Threads"),
           this.#setting(new CropField("crop", "Crop", { none: "left, top, right, bottom" })))));
     this.#field("outputs").set(["png"]);
+    this.#offerFiles("");
+  }
+
+  #offerFiles(kind) {
+    const outputs = this.#field("outputs");
+    outputs.offer(kind ? [...FILES, ...FILES_OF_FRAMES] : FILES);
+    if (kind && !outputs.value()?.includes("contact_sheet")) outputs.set([...outputs.value() ?? [], "contact_sheet"]);
   }
 
   #setting(field) {
@@ -91,6 +103,7 @@ export class SubmitPage {
     for (const field of this.#fields) {
       if (field.pointer.startsWith("/settings/")) field.set(job.settings[field.name]);
     }
+    this.#field("frames").set(job.frames?.wanted);
     this.#field("outputs").set(job.outputs_wanted);
     this.#field("priority").set(job.priority || "");
     this.#field("labels").set(job.labels);

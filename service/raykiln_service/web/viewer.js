@@ -38,7 +38,7 @@ export class Viewer {
   #light = h("div.light", {},
     h("label", {}, "View", this.#view),
     h("label.exposure", {}, "Exposure", this.#exposure), this.#stops, this.#reset);
-  #bar = h("div.viewer-bar", {}, this.#layers, this.#compareBox, this.#light, this.#range,
+  #bar = h("div.viewer-bar", {}, h("div.choice", {}, this.#layers, this.#compareBox, this.#range), this.#light,
     h("div.zoom", { role: "group", "aria-label": "Zoom" },
       h("button.quiet", { type: "button", "aria-label": "Zoom out", onclick: () => this.#stage.zoomBy(0.8) }, "−"),
       this.#zoom,
@@ -49,6 +49,7 @@ export class Viewer {
 
   constructor() {
     this.#stage.element.append(this.#note);
+    this.#layers.parentElement.hidden = true;
     this.#showLook();
   }
 
@@ -137,14 +138,14 @@ export class Viewer {
     setText(this.#stops, `${look.exposure > 0 ? "+" : ""}${look.exposure.toFixed(1)} EV`);
     this.#exposure.setAttribute("aria-valuetext", this.#stops.textContent);
     this.#reset.disabled = look.exposure === 0;
-    this.#light.hidden = SCALARS.has(layer) || layer === "normal";
+    this.#light.classList.toggle("off", SCALARS.has(layer) || layer === "normal");
     this.#compare.checked = look.comparing;
     this.#compareBox.hidden = !(layer === "beauty" && this.#info?.layers.includes("noisy"));
   }
 
   #showLayers() {
     const names = this.#info.layers;
-    this.#layers.hidden = names.length < 2;
+    this.#layers.parentElement.hidden = names.length < 2;
     if (this.#layers.dataset.names === names.join()) return;
     this.#layers.dataset.names = names.join();
     this.#layers.replaceChildren(...names.map((name) => h("label", {},
