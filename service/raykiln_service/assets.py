@@ -58,6 +58,8 @@ class SceneFile:
 
     path: Path
     base_dir: Path
+    alone: bool = False
+    """It lies among other things, and reads no other file."""
 
 
 class Upload:
@@ -218,7 +220,7 @@ class AssetStore:
         """The file of a resolved scene, unpacked if need be."""
         if scene.get("inline"):
             path = self.job_dir(job_id) / "scene.json"
-            return SceneFile(path, path.parent)
+            return SceneFile(path, path.parent, alone=True)
         if "name" in scene:
             path = rk.bundled_scenes()[scene["name"]]
             return SceneFile(path, path.parent)

@@ -272,6 +272,9 @@ class VersionView(BaseModel):
     api: str
     executor: str
     slots: int
+    sandbox: dict[str, str]
+    """What confines the processes that read scenes, by layer; `off:` and why, where one is
+    missing; empty = not confined."""
 
 
 class Problem(BaseModel):

@@ -17,7 +17,10 @@ from raykiln_service.dispatcher import Dispatcher
 from raykiln_service.errors import StartupError
 from raykiln_service.events import EventHub
 from raykiln_service.executors.checks import CheckPool
+from raykiln_service.executors.limits import Limits as RenderLimits
+from raykiln_service.executors.limits import default_job_memory, default_warm_memory
 from raykiln_service.executors.local import LocalExecutor
+from raykiln_service.executors.nursery import Nursery
 from raykiln_service.logs import get_logger
 from raykiln_service.metrics import Metrics
 from raykiln_service.queueing import QueueWatch
@@ -56,10 +59,23 @@ class Service:
         self.hub = EventHub()
         self.store.listen(self.hub.state_changed)
         self.metrics = Metrics(self.store)
-        self.checks = CheckPool(settings.check_timeout_s, settings.check_memory_bytes)
-        self.executor = LocalExecutor(
-            settings.slots, checkpoint_interval_s=settings.checkpoint_interval_s
+        allowed = _render_limits(settings)
+        nursery = Nursery()
+        self.checks = CheckPool(
+            settings.check_timeout_s,
+            settings.check_memory_bytes or allowed.memory_bytes,
+            sandbox=settings.sandbox,
+            nursery=nursery,
         )
+        self.executor = LocalExecutor(
+            settings.slots,
+            checkpoint_interval_s=settings.checkpoint_interval_s,
+            limits=allowed,
+            scratch=self.assets.tmp,
+            nursery=nursery,
+        )
+        # Raises before anything is served where the sandbox is required and cannot be had.
+        layers = self.executor.sandbox_layers()
         cache = ResultCache(self.store, self.assets)
         self.dispatcher = Dispatcher(
             self.store, self.assets, self.executor, cache, self.hub, self.metrics, settings
@@ -76,6 +92,7 @@ class Service:
             submissions=Submissions(self.store, self.assets, self.checks, cache, settings),
             queue=QueueWatch(self.store, self.hub, settings.slots),
             readiness=self.readiness,
+            sandbox=layers,
         )
 
     def start(self) -> None:
@@ -85,6 +102,7 @@ class Service:
                 "this SQLite needs the rule of one writing connection, which is kept",
                 sqlite=sqlite3.sqlite_version,
             )
+        get_logger().info("render processes are confined", **self.context.sandbox)
         self.dispatcher.start()
         self.rounds.start()
 
@@ -112,6 +130,18 @@ class Service:
         self.checks.close()
         self.database.close()
         self._lock.close()
+
+
+def _render_limits(settings: ServiceSettings) -> RenderLimits:
+    own = settings.job_memory_bytes or default_job_memory(settings.slots)
+    warm = settings.warm_memory_bytes
+    return RenderLimits(
+        memory_bytes=own,
+        silence_s=settings.silence_timeout_s,
+        warm_scenes=settings.warm_scenes,
+        warm_memory_bytes=default_warm_memory() if warm is None else warm,
+        sandbox=settings.sandbox,
+    )
 
 
 def _lock_data_dir(settings: ServiceSettings) -> BinaryIO:

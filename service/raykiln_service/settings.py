@@ -13,6 +13,7 @@ from raykiln_service.access import Limits
 from raykiln_service.errors import StartupError
 
 _GIB = 1 << 30
+_LISTS = {"allowed_hosts"}
 # A pause that is longer was written by a clock that was ahead.
 MAX_DELAY_S = 300.0
 
@@ -70,8 +71,22 @@ class ServiceSettings(BaseModel):
     """Time for a request to arrive; long bodies get more, by their length."""
     check_timeout_s: Annotated[float, Field(gt=0)] = 120.0
     """Longest check of a submitted scene."""
-    check_memory_bytes: Annotated[int, Field(ge=1 << 28)] = 16 * _GIB
-    """Address space of a scene check."""
+    check_memory_bytes: Annotated[int, Field(ge=1 << 26)] | None = None
+    """Memory of a scene check; None = as much as a job may take."""
+    sandbox: Literal["auto", "require", "off"] = "auto"
+    """Confinement of the processes that read scenes: as far as the machine can, wholly or not at
+    all to start, or none."""
+    job_memory_bytes: Annotated[int, Field(ge=1 << 26)] | None = None
+    """Memory that one job may take; None = a slot's share of three quarters of the machine."""
+    max_job_s: Annotated[float, Field(gt=0)] | None = None
+    """Longest time that a job may take on a slot, all attempts together; None = no limit."""
+    silence_timeout_s: Annotated[float, Field(gt=0)] = 120.0
+    """A render process that says nothing for so long is ended; loading and writing get ten times
+    that."""
+    warm_scenes: Annotated[int, Field(ge=0, le=1000)] = 4
+    """Scenes that stay in memory for further jobs; 0 = none."""
+    warm_memory_bytes: Annotated[int, Field(ge=0)] | None = None
+    """Memory that these may take together; None = an eighth of the machine."""
     priority_step_s: Annotated[float, Field(ge=0, le=1e6)] = 600.0
     """Waiting that one level of priority is worth; nothing waits for ever."""
     retry_delay_s: Annotated[float, Field(ge=0)] = 1.0
@@ -107,7 +122,10 @@ class ServiceSettings(BaseModel):
 
     @classmethod
     def create(cls, **values: Any) -> ServiceSettings:
-        """Settings from the given values (None = not given), then `RAYKILN_TOKEN`, then defaults.
+        """Settings from the given values (None = not given), then the environment, then defaults.
+
+        The variable of a setting is its name in capitals after ``RAYKILN_``; lists are separated
+        by commas.
 
         Raises
         ------
@@ -115,8 +133,10 @@ class ServiceSettings(BaseModel):
             Names the first bad value.
         """
         given = {name: value for name, value in values.items() if value is not None}
-        if "token" not in given and os.environ.get("RAYKILN_TOKEN"):
-            given["token"] = os.environ["RAYKILN_TOKEN"]
+        for name in cls.model_fields:
+            text = os.environ.get(f"RAYKILN_{name.upper()}")
+            if text and name not in given:
+                given[name] = text.split(",") if name in _LISTS else text
         try:
             return cls(**given)
         except ValidationError as error:

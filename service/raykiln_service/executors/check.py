@@ -1,12 +1,11 @@
-"""The process that looks over submitted scenes: loads them, builds them, renders nothing."""
+"""The process that looks over a submitted scene: loads it, builds it, renders nothing."""
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Any
 
-from raykiln_service.executors.childside import Channel, be_modest, describe, limit_memory
+from raykiln_service.executors.childside import Channel, be_modest, describe, is_out_of_memory
 
 
 def check(path: Path, base_dir: Path) -> dict[str, Any]:
@@ -28,29 +27,29 @@ def check(path: Path, base_dir: Path) -> dict[str, Any]:
 
 
 def answer(message: dict[str, Any]) -> dict[str, Any]:
-    """The reply to one request."""
+    """The reply to a request."""
     import raykiln as rk
 
     base_dir = message["base_dir"]
     try:
         return {"type": "accepted", **check(Path(message["path"]), Path(base_dir))}
-    except rk.RaykilnError as error:
+    except (rk.RaykilnError, MemoryError) as error:
+        if is_out_of_memory(error):
+            detail = "the scene needs more memory than a check may use"
+            return {"type": "rejected", "error": {"detail": detail}}
         return {"type": "rejected", "error": describe(error, base_dir)}
-    except MemoryError:
-        detail = "the scene needs more memory than a check may use"
-        return {"type": "rejected", "error": {"detail": detail}}
     except RecursionError:
         return {"type": "rejected", "error": {"detail": "the scene is nested too deeply"}}
 
 
 def main() -> None:
-    """Answer requests until the supervisor goes away."""
-    channel = Channel()
+    """Answer one request: the process has seen the scene, so it is not for another."""
+    channel = Channel(listen=False)
     be_modest(5)
-    limit_memory(int(sys.argv[2]))
-    while True:
-        message = channel.inbox.get()
-        channel.send(**answer(message))
+    message = channel.first()
+    channel.confine(message)
+    channel.listen()
+    channel.send(**answer(message))
 
 
 if __name__ == "__main__":

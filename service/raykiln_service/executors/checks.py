@@ -1,4 +1,4 @@
-"""Scene checks in child processes that are kept warm, thrown away when in doubt, and timed."""
+"""Scene checks in child processes: confined, timed, and one scene each."""
 
 from __future__ import annotations
 
@@ -9,23 +9,34 @@ from typing import Any
 
 from raykiln_service.assets import SceneFile
 from raykiln_service.errors import InvalidSceneError, UnavailableError
+from raykiln_service.executors.limits import OWN_BYTES, Sandbox, private_bytes
+from raykiln_service.executors.nursery import Nursery
 from raykiln_service.executors.process import JsonChild
+from raykiln_service.sandbox import Confinement
 
 _MODULE = "raykiln_service.executors.check"
 _PARALLEL = 2
-_CHECKS_A_CHILD = 50
+_TOO_LARGE = "the scene needs more memory than a check may use"
 _CACHED = 256
 
 
 class CheckPool:
     """Checks scenes, at most two at a time, and keeps what it learns of unchangeable ones."""
 
-    def __init__(self, timeout_s: float, memory_bytes: int) -> None:
+    def __init__(
+        self,
+        timeout_s: float,
+        memory_bytes: int,
+        *,
+        sandbox: Sandbox = "auto",
+        nursery: Nursery | None = None,
+    ) -> None:
         self._timeout_s = timeout_s
-        self._arguments = [str(memory_bytes)]
+        self._memory_bytes = memory_bytes
+        self._sandbox = sandbox
+        self._nursery = nursery or Nursery()
         self._places = threading.BoundedSemaphore(_PARALLEL)
         self._lock = threading.Lock()
-        self._idle: list[tuple[JsonChild, int]] = []
         self._all: set[JsonChild] = set()
         self._known: OrderedDict[str, dict[str, Any]] = OrderedDict()
         self._closed = False
@@ -68,54 +79,63 @@ class CheckPool:
         with self._lock:
             self._closed = True
             children = list(self._all)
-            self._idle.clear()
         for child in children:
             child.kill()
+        self._nursery.close()
 
     def _ask(self, scene: SceneFile) -> dict[str, Any]:
-        child, uses = self._take()
-        child.send({"type": "check", "path": str(scene.path), "base_dir": str(scene.base_dir)})
+        child = self._start()
+        try:
+            return self._answer(child, scene)
+        finally:
+            with self._lock:
+                self._all.discard(child)
+            # It has seen this scene, so it is not for another.
+            child.kill()
+
+    def _start(self) -> JsonChild:
+        try:
+            child = JsonChild(_MODULE, launch=self._nursery.start)
+        except OSError as error:
+            raise UnavailableError(f"no scene can be checked now: {error.strerror}") from None
+        with self._lock:
+            self._all.add(child)
+        return child
+
+    def _answer(self, child: JsonChild, scene: SceneFile) -> dict[str, Any]:
+        limits = Confinement(
+            readable=(str(scene.path if scene.alone else scene.base_dir),),
+            writable=(),
+            memory_bytes=self._memory_bytes,
+            file_bytes=0,
+        )
+        child.send(
+            {
+                "type": "check",
+                "confine": {"sandbox": self._sandbox, "limits": limits.as_dict()},
+                "path": str(scene.path),
+                "base_dir": str(scene.base_dir),
+            }
+        )
         deadline = time.monotonic() + self._timeout_s
         reply: dict[str, Any] | None = {}
         while reply == {} and time.monotonic() < deadline:
-            reply = child.receive(min(0.5, max(0.0, deadline - time.monotonic())))
+            reply = child.receive(min(0.2, max(0.0, deadline - time.monotonic())))
+            if private_bytes(child.pid) > self._memory_bytes + OWN_BYTES:
+                raise InvalidSceneError(_TOO_LARGE)
         if not reply:
             raise self._given_up(child, timed_out=reply is not None)
-        self._give_back(child, uses + 1)
         if reply["type"] == "rejected":
             raise InvalidSceneError(**reply["error"])
         return reply
 
     def _given_up(self, child: JsonChild, *, timed_out: bool) -> InvalidSceneError:
-        with self._lock:
-            self._all.discard(child)
         if timed_out:
-            child.kill()
             return InvalidSceneError(f"the scene check took more than {self._timeout_s:g} s")
         how = child.reap()
         if self._closed:
             raise UnavailableError("the service is shutting down")
         last = next((line for line in reversed(child.tail) if line.strip()), "")
         if "MemoryError" in last or "bad_alloc" in last:
-            return InvalidSceneError("the scene needs more memory than a check may use")
+            return InvalidSceneError(_TOO_LARGE)
         return InvalidSceneError(f"the scene broke the process that checked it ({how})")
-
-    def _take(self) -> tuple[JsonChild, int]:
-        with self._lock:
-            while self._idle:
-                child, uses = self._idle.pop()
-                if child.is_alive():
-                    return child, uses
-                self._all.discard(child)
-        child = JsonChild(_MODULE, self._arguments)
-        with self._lock:
-            self._all.add(child)
-        return child, 0
-
-    def _give_back(self, child: JsonChild, uses: int) -> None:
-        with self._lock:
-            if not self._closed and uses < _CHECKS_A_CHILD:
-                self._idle.append((child, uses))
-                return
-            self._all.discard(child)
-        child.kill()

@@ -1,78 +1,113 @@
-"""The process that renders: takes one task after the other from its supervisor."""
+"""The process that renders: takes one task after the other, all of the scene of the first."""
 
 from __future__ import annotations
 
 import os
+import resource
 import secrets
 import time
 import traceback
 from pathlib import Path
 from typing import Any
 
-from raykiln_service.executors.childside import Channel, be_modest, describe
+import raykiln as rk
+from raykiln.image import encode_png, to_png_pixels, write_exr
+
+from raykiln_service.executors.childside import Channel, be_modest, describe, is_out_of_memory
+from raykiln_service.executors.limits import OWN_BYTES
+from raykiln_service.executors.supervision import out_of_memory
 
 _PROGRESS_S = 0.25
 _PREVIEW_S = 0.5
 # A preview may take this share of the time at most.
 _PREVIEW_SHARE = 0.05
 _PREVIEW_PIXELS = 1024
+_KEEPS_IMAGE = ("cancel", "timeout")
+
+
+class Shelf:
+    """The scene as it was loaded last: the same file, at one moment of its animation."""
+
+    def __init__(self) -> None:
+        self._moment: float | None = None
+        self._prepared: rk.PreparedScene | None = None
+
+    def get(self, task: dict[str, Any]) -> tuple[rk.PreparedScene, bool]:
+        """The scene of a task, and whether it was here already."""
+        warm = self._prepared is not None and self._moment == task["time_s"]
+        if not warm:
+            # The one before goes first: both at once may be too much.
+            self._prepared = None
+            self._prepared = self._load(task)
+            self._moment = task["time_s"]
+        assert self._prepared is not None
+        if task["camera"] is None:
+            return self._prepared, warm
+        camera = rk.PerspectiveCamera.model_validate(task["camera"])
+        return self._prepared.with_camera(camera), warm
+
+    @staticmethod
+    def _load(task: dict[str, Any]) -> rk.PreparedScene:
+        started = time.monotonic()
+        scene = rk.load_scene(
+            Path(task["scene_path"]), base_dir=task["base_dir"], time_s=task["time_s"]
+        )
+        read_s = time.monotonic() - started
+        prepared = rk.prepare(scene)
+        prepared.load_s += read_s
+        return prepared
 
 
 class Rendering:
     """One task: load, render, write the outputs."""
 
-    def __init__(self, message: dict[str, Any], channel: Channel) -> None:
+    def __init__(self, message: dict[str, Any], channel: Channel, shelf: Shelf) -> None:
         self._task = message
         self._channel = channel
+        self._shelf = shelf
         self._token: str = message["token"]
         self._told_at = 0.0
         self._told_spp = -1
         self._preview_at = 0.0
         self._preview_spp = 0
+        self._saved: tuple[int, int] | None = None
+        self._denoises = False
 
     def run(self) -> None:
         """Render, and tell the supervisor how it ended."""
-        import raykiln as rk
-
         try:
             kind, result = self._render()
             self._tell(kind, result=result)
-        except (rk.SceneError, rk.SettingsError) as error:
-            self._tell("rejected", error=self._problem("rejected", "It cannot be rendered", error))
-        except (rk.RaykilnError, MemoryError, OSError) as error:
-            self._tell("broken", error=self._problem("render-error", "The render broke", error))
         except Exception as error:
-            traceback.print_exc()
-            self._tell("broken", error=self._problem("internal", "The render broke", error))
+            self._tell(*self._failure(error))
+
+    def _failure(self, error: Exception) -> tuple[str, dict[str, Any]]:
+        if is_out_of_memory(error):
+            return "rejected", out_of_memory(self._task["memory_bytes"])
+        if isinstance(error, rk.SceneError | rk.SettingsError):
+            return "rejected", self._problem("rejected", "It cannot be rendered", error)
+        if isinstance(error, rk.RaykilnError | OSError):
+            return "broken", self._problem("render-error", "The render broke", error)
+        traceback.print_exc()
+        return "broken", self._problem("internal", "The render broke", error)
 
     def _render(self) -> tuple[str, dict[str, Any] | None]:
-        import raykiln as rk
-
-        started = time.monotonic()
         self._tell("progress", progress={"phase": "load", "fraction": 0.0})
-        scene = self._scene()
+        _limit_memory(self._task["memory_bytes"])
+        prepared, warm = self._shelf.get(self._task)
         settings = rk.RenderSettings.create(**self._settings())
-        loaded_s = time.monotonic() - started
         if self._channel.stop_reason(self._token):
             return "stopped", None
-        result = self._resumed(scene, settings)
+        self._denoises = settings.over(prepared.scene.settings).denoise
+        result = self._resumed(prepared, settings)
+        if not warm:
+            result.stats.load_s, result.stats.bvh_s = prepared.load_s, prepared.bvh_s
+            result.stats.warm = False
         reason = self._channel.stop_reason(self._token)
         if reason is None:
-            return "done", self._write(result, loaded_s)
-        # A cancel keeps the image so far; any other stop needs the checkpoint only.
-        return "stopped", self._write(result, loaded_s) if reason == "cancel" else None
-
-    def _scene(self) -> Any:
-        import raykiln as rk
-
-        scene = rk.load_scene(
-            Path(self._task["scene_path"]),
-            base_dir=self._task["base_dir"],
-            time_s=self._task["time_s"],
-        )
-        if self._task["camera"] is not None:
-            scene.set_camera(rk.PerspectiveCamera.model_validate(self._task["camera"]))
-        return scene
+            return "done", self._write(result)
+        # Any other stop needs the checkpoint only.
+        return "stopped", self._write(result) if reason in _KEEPS_IMAGE else None
 
     def _settings(self) -> dict[str, Any]:
         given = dict(self._task["settings"])
@@ -80,31 +115,33 @@ class Rendering:
         given["threads"] = min(given.get("threads") or limit, limit)
         return given
 
-    def _resumed(self, scene: Any, settings: Any) -> Any:
-        import raykiln as rk
-
+    def _resumed(self, scene: rk.PreparedScene, settings: rk.RenderSettings) -> rk.RenderResult:
         checkpoint = Path(self._task["checkpoint"])
         options: dict[str, Any] = {
             "checkpoint": checkpoint,
             "checkpoint_interval_s": float(self._task["checkpoint_interval_s"]),
         }
         existed = checkpoint.exists()
+        self._saved = self._checkpoint_version()
         try:
             return rk.render(scene, settings, self._on_progress, resume=True, **options)
         except rk.RenderError as error:
-            if not existed:
+            if not existed or is_out_of_memory(error):
                 raise
             self._tell("log", line=f"checkpoint not usable, starting over: {error}")
             checkpoint.unlink(missing_ok=True)
             return rk.render(scene, settings, self._on_progress, resume=False, **options)
 
-    def _on_progress(self, progress: Any) -> bool:
+    def _on_progress(self, progress: rk.Progress) -> bool:
         now = time.monotonic()
         if now - self._told_at >= _PROGRESS_S or progress.spp_done != self._told_spp:
             self._told_at, self._told_spp = now, progress.spp_done
             names = ("fraction", "spp_done", "spp", "elapsed_s", "eta_s", "samples")
             fields = {name: getattr(progress, name) for name in names}
-            self._tell("progress", progress={"phase": "render", **fields})
+            all_done = self._denoises and progress.spp_done == progress.spp
+            phase = "denoise" if all_done else "render"
+            self._tell("progress", progress={"phase": phase, **fields})
+            self._tell_of_checkpoint()
         if progress.spp_done > self._preview_spp and now >= self._preview_at:
             self._preview_spp = progress.spp_done
             self._write_preview(progress.preview())
@@ -112,9 +149,20 @@ class Rendering:
             self._preview_at = now + max(_PREVIEW_S, took / _PREVIEW_SHARE)
         return self._channel.stop_reason(self._token) is None
 
-    def _write_preview(self, image: Any) -> None:
-        from raykiln.image import encode_png, to_png_pixels
+    def _tell_of_checkpoint(self) -> None:
+        version = self._checkpoint_version()
+        if version is not None and version != self._saved:
+            self._saved = version
+            self._tell("checkpoint")
 
+    def _checkpoint_version(self) -> tuple[int, int] | None:
+        try:
+            found = os.stat(self._task["checkpoint"])
+        except OSError:
+            return None
+        return found.st_ino, found.st_mtime_ns
+
+    def _write_preview(self, image: Any) -> None:
         step = -(-max(image.shape[:2]) // _PREVIEW_PIXELS)
         path = Path(self._task["preview"])
         temporary = path.with_name(f".preview-{secrets.token_hex(4)}.png")
@@ -122,49 +170,65 @@ class Rendering:
         temporary.replace(path)
         self._tell("preview")
 
-    def _write(self, result: Any, loaded_s: float) -> dict[str, Any]:
-        from raykiln.image import write_exr
-
+    def _write(self, result: rk.RenderResult) -> dict[str, Any]:
         self._tell("progress", progress={"phase": "encode", "fraction": 1.0})
         started = time.monotonic()
         folder = Path(self._task["work_dir"])
         result.save(folder / "image.exr")
+        # Should the rest take too long after a stop, this is what is kept.
+        self._tell("partial", result=_told(result, time.monotonic() - started))
         if "png" in self._task["outputs"]:
             result.save(folder / "image.png")
         for name, layer in result.aovs.items():
             write_exr(folder / f"{name}.exr", {name: layer})
-        height, width = result.image.shape[:2]
-        stats = result.stats.as_dict()
-        stats["load_s"] = loaded_s + float(stats["load_s"])
-        stats["encode_s"] = time.monotonic() - started
+        told = _told(result, time.monotonic() - started)
         self._write_preview(result.image)
-        return {
-            "complete": bool(result.complete),
-            "stats": stats,
-            "warnings": list(result.warnings),
-            "scene_sha256": result.scene_sha256,
-            "settings": result.settings.model_dump(mode="json"),
-            "width": width,
-            "height": height,
-        }
+        return told
 
     def _problem(self, reason: str, title: str, error: BaseException) -> dict[str, Any]:
         return {"reason": reason, "title": title, **describe(error, self._task["base_dir"])}
 
-    def _tell(self, kind: str, **fields: Any) -> None:
+    def _tell(self, kind: str, problem: dict[str, Any] | None = None, **fields: Any) -> None:
+        if problem is not None:
+            fields["error"] = problem
         self._channel.send(type=kind, token=self._token, **fields)
+
+
+def _told(result: rk.RenderResult, encode_s: float) -> dict[str, Any]:
+    """What the supervisor is told of a result."""
+    height, width = result.image.shape[:2]
+    return {
+        "complete": bool(result.complete),
+        "stats": {**result.stats.as_dict(), "encode_s": encode_s},
+        "warnings": list(result.warnings),
+        "scene_sha256": result.scene_sha256,
+        "settings": result.settings.model_dump(mode="json"),
+        "width": width,
+        "height": height,
+    }
+
+
+def _limit_memory(task_bytes: int) -> None:
+    """Let allocations fail past what this task may take, so that it ends with a clear word."""
+    hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
+    soft = task_bytes + OWN_BYTES
+    if hard != resource.RLIM_INFINITY:
+        soft = min(soft, hard)
+    resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
 
 
 def main() -> None:
     """Render what comes until the supervisor goes away."""
-    channel = Channel()
+    channel = Channel(listen=False)
     be_modest(5)
     os.umask(0o027)
-    # Loaded before the first task comes, so that it starts at once.
-    import raykiln.image  # noqa: F401
-
+    message = channel.first()
+    channel.confine(message)
+    channel.listen()
+    shelf = Shelf()
     while True:
-        Rendering(channel.inbox.get(), channel).run()
+        Rendering(message, channel, shelf).run()
+        message = channel.inbox.get()
 
 
 if __name__ == "__main__":

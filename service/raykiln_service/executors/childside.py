@@ -1,9 +1,8 @@
-"""The child's end of the pipes, and the limits that a child puts on itself."""
+"""What every child process does: its end of the pipes, and the limits it puts on itself."""
 
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import json
 import os
 import queue
@@ -13,7 +12,11 @@ import sys
 import threading
 from typing import Any, BinaryIO
 
-_PR_SET_PDEATHSIG = 1
+from raykiln_service.sandbox import Confinement, confine, missing_layers
+from raykiln_service.sandbox.kernel import PR_SET_PDEATHSIG, prctl
+
+OUT_OF_MEMORY = "out-of-memory"
+_FIELDS = ("file", "pointer", "found", "accepted")
 
 
 class Channel:
@@ -21,16 +24,36 @@ class Channel:
 
     Whatever else prints to standard output lands in the error output, so it cannot be taken for
     a message.  When the supervisor goes away, the process ends at once.
+
+    Parameters
+    ----------
+    listen
+        Take messages from now on, in a thread of its own; False = after `listen`.
     """
 
-    def __init__(self) -> None:
-        _die_with(int(sys.argv[1]))
+    def __init__(self, *, listen: bool = True) -> None:
+        self._parent = int(sys.argv[1])
+        die_with(self._parent)
         self.inbox: queue.Queue[dict[str, Any]] = queue.Queue()
         self._stops: dict[str, str] = {}
         self._lock = threading.Lock()
         self._out: BinaryIO = os.fdopen(os.dup(1), "wb")
+        self._rest = b""
         os.dup2(2, 1)
+        if listen:
+            self.listen()
+
+    def listen(self) -> None:
+        """Take messages from now on, in a thread of its own."""
         threading.Thread(target=self._listen, daemon=True).start()
+
+    def first(self) -> dict[str, Any]:
+        """The first message, while there is only one thread; call it before `listen`."""
+        while b"\n" not in self._rest:
+            self._rest += self._read()
+        line, _, self._rest = self._rest.partition(b"\n")
+        message: dict[str, Any] = json.loads(line)
+        return message
 
     def send(self, **message: Any) -> None:
         """Send a message."""
@@ -43,23 +66,40 @@ class Channel:
         """Why the supervisor asked for the end of the task with this token, if it did."""
         return self._stops.get(token)
 
+    def confine(self, message: dict[str, Any]) -> None:
+        """Confine the process as a first message says; it ends if that cannot be done wholly."""
+        wanted = message["confine"]
+        limits = Confinement.of(wanted["limits"])
+        report = confine(limits, only_limits=wanted["sandbox"] == "off")
+        # A new set of rights makes the kernel forget whom the process is to follow.
+        die_with(self._parent)
+        if wanted["sandbox"] == "require" and (missing := missing_layers(report)):
+            text = "; ".join(f"{name}: {why}" for name, why in missing.items())
+            raise SystemExit(f"the process cannot be confined: {text}")
+
     def _listen(self) -> None:
         # Not by sys.stdin: its lock, held while waiting, would abort a Python that exits.
-        rest = b""
-        while piece := os.read(0, 1 << 16):
-            *lines, rest = (rest + piece).split(b"\n")
+        while True:
+            *lines, self._rest = self._rest.split(b"\n")
             for line in lines:
                 message = json.loads(line)
                 if message["type"] == "stop":
                     self._stops[message["token"]] = message["reason"]
                 else:
                     self.inbox.put(message)
-        os._exit(0)
+            self._rest += self._read()
+
+    def _read(self) -> bytes:
+        piece = os.read(0, 1 << 16)
+        if not piece:
+            os._exit(0)
+        return piece
 
 
-def _die_with(parent: int) -> None:
+def die_with(parent: int) -> None:
+    """Have the kernel end this process with its parent."""
     with contextlib.suppress(OSError, AttributeError):
-        ctypes.CDLL(None, use_errno=True).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+        prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
     if os.getppid() != parent:
         os._exit(0)
 
@@ -83,6 +123,18 @@ def limit_memory(address_space_bytes: int) -> None:
         resource.setrlimit(resource.RLIMIT_AS, (limit, hard))
 
 
+def is_out_of_memory(error: BaseException | None) -> bool:
+    """Whether an allocation that failed is behind an error."""
+    seen: set[int] = set()
+    while error is not None and id(error) not in seen:
+        seen.add(id(error))
+        text = str(error)
+        if isinstance(error, MemoryError) or "not enough memory" in text or "bad_alloc" in text:
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
 def describe(error: BaseException, base_dir: str) -> dict[str, Any]:
     """An error of `raykiln` as the fields of a problem, without the paths of this machine."""
 
@@ -95,6 +147,3 @@ def describe(error: BaseException, base_dir: str) -> dict[str, Any]:
     fields = {name: clean(getattr(error, name, None)) for name in _FIELDS}
     detail = clean(getattr(error, "message", None) or str(error) or type(error).__name__)
     return {"detail": detail, **{k: v for k, v in fields.items() if v is not None}}
-
-
-_FIELDS = ("file", "pointer", "found", "accepted")

@@ -1,27 +1,30 @@
 """Rendering in supervised child processes of this machine: one slot, one child at a time.
 
-A child is kept between tasks and thrown away after anything but a clean end.  The supervisor
-never waits for the render thread: it beats the lease's heart itself, and kills a child that does
-not stop when told to.
+A child is confined to the scene of its first task (see the decision on sandbox and warm children)
+and kept for further tasks of that scene, unless its task ended in any other way than well.
 """
 
 from __future__ import annotations
 
 import os
+import shutil
+import tempfile
 import threading
-import time
-from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
-from raykiln_service.executors.base import Outcome, OutcomeKind, StopReason, Task, Watcher
+from raykiln_service.errors import StartupError
+from raykiln_service.executors.base import Outcome, OutcomeKind, Task, Watcher
+from raykiln_service.executors.limits import MAX_FILE_BYTES, Limits
+from raykiln_service.executors.nursery import Nursery
+from raykiln_service.executors.pool import Worker, WorkerPool
 from raykiln_service.executors.process import JsonChild
+from raykiln_service.executors.supervision import Supervision
+from raykiln_service.sandbox import Confinement, missing_layers
 
 _MODULE = "raykiln_service.executors.child"
-_TICK_S = 0.1
-# How long a child may take to stop by itself; a shutdown also waits for its checkpoint.
-_GRACE_S = {StopReason.CANCEL: 1.0, StopReason.SHUTDOWN: 3.0, StopReason.LEASE_LOST: 0.0}
-
-_ENCODE_GRACE_S = 30.0
+_PROBE = "raykiln_service.executors.probe"
+_PROBE_TIMEOUT_S = 30.0
 
 
 class LocalExecutor:
@@ -35,23 +38,79 @@ class LocalExecutor:
         Render time between checkpoints.
     module
         The child's module (tests put in one that crashes).
+    limits
+        What children may take.
+    scratch
+        Folder for what children write, best on the file system of the results; None = one of
+        its own.
+    nursery
+        Where children come from; None = one of its own.
     """
 
     def __init__(
-        self, slots: int, *, checkpoint_interval_s: float = 5.0, module: str = _MODULE
+        self,
+        slots: int,
+        *,
+        checkpoint_interval_s: float = 5.0,
+        module: str = _MODULE,
+        limits: Limits | None = None,
+        scratch: Path | None = None,
+        nursery: Nursery | None = None,
     ) -> None:
         self.slots = slots
+        self.limits = limits or Limits()
         self._threads = max(1, len(os.sched_getaffinity(0)) // slots)
         self._interval_s = checkpoint_interval_s
         self._module = module
-        self._children: list[JsonChild | None] = [None] * slots
+        self._own_scratch = scratch is None
+        self._scratch = Path(tempfile.mkdtemp(prefix="raykiln-")) if scratch is None else scratch
+        self._nursery = nursery or Nursery()
+        self._pool = WorkerPool(
+            lambda: JsonChild(self._module, launch=self._nursery.start),
+            self._scratch,
+            self.limits.warm_scenes,
+            self.limits.warm_memory_bytes,
+        )
         self._lock = threading.Lock()
+        self._layers: dict[str, str] | None = None
         self._stopped = False
 
     def start(self) -> None:
-        """Start a child for each slot, so that the first job finds it warm."""
-        for slot in range(self.slots):
-            self._child(slot)
+        """Get ready, so that the first job finds everything loaded."""
+        self.sandbox_layers()
+
+    def sandbox_layers(self) -> dict[str, str]:
+        """What confines children on this machine, by layer; found out by confining one.
+
+        Raises
+        ------
+        StartupError
+            A layer is missing and the sandbox is required, or no process can be started.
+        """
+        if self.limits.sandbox == "off":
+            return {}
+        with self._lock:
+            if self._layers is None:
+                self._layers = self._probe()
+        missing = missing_layers(self._layers)
+        if missing and self.limits.sandbox == "require":
+            reasons = "; ".join(f"{name}: {reason}" for name, reason in missing.items())
+            raise StartupError(f"the sandbox is required and cannot be had here ({reasons})")
+        return self._layers
+
+    def _probe(self) -> dict[str, str]:
+        try:
+            child = JsonChild(_PROBE, launch=self._nursery.start)
+        except OSError as error:
+            raise StartupError(f"no render process can be started: {error.strerror}") from None
+        child.send({"writable": [str(self._scratch)]})
+        reply = child.receive(_PROBE_TIMEOUT_S)
+        child.kill()
+        if not reply:
+            said = " ".join(child.tail)
+            raise StartupError(f"no render process can be confined: {said or 'no answer'}")
+        layers: dict[str, str] = reply["layers"]
+        return layers
 
     def is_ready(self) -> bool:
         """Whether tasks can be run now."""
@@ -59,122 +118,79 @@ class LocalExecutor:
 
     def child_pids(self) -> list[int]:
         """Process ids of the children that run now."""
-        return [child.pid for child in self._children if child is not None and child.is_alive()]
+        return self._pool.pids()
 
     def stop(self) -> None:
         """End all children."""
-        with self._lock:
-            self._stopped = True
-            children = [child for child in self._children if child is not None]
-        for child in children:
-            child.kill()
+        self._stopped = True
+        self._pool.close()
+        self._nursery.close()
+        if self._own_scratch:
+            shutil.rmtree(self._scratch, ignore_errors=True)
 
     def run(self, slot: int, task: Task, watcher: Watcher) -> Outcome:
         """Run one task to its end, whatever the child does."""
-        child = self._child(slot)
-        child.on_line = watcher.log
-        child.send(self._request(task))
         try:
-            outcome = _Supervision(child, task, watcher).run()
+            worker = self._pool.take(task.scene_key)
+        except OSError as error:
+            detail = f"no render process could be started: {error.strerror or error}"
+            problem = {"reason": "crashed", "title": "No render process", "detail": detail}
+            return Outcome(OutcomeKind.BROKEN, error=problem)
+        try:
+            outcome = self._run_in(worker, task, watcher)
         except BaseException:
-            self._discard(slot)
+            self._pool.discard(worker)
             raise
-        child.on_line = None
-        if outcome.kind is not OutcomeKind.DONE:
-            self._discard(slot)
+        worker.child.on_line = None
+        if outcome.kind is OutcomeKind.DONE:
+            self._pool.give_back(worker)
+        else:
+            self._pool.discard(worker)
         return outcome
 
-    def _request(self, task: Task) -> dict[str, Any]:
+    def _run_in(self, worker: Worker, task: Task, watcher: Watcher) -> Outcome:
+        memory_bytes = min(task.memory_bytes or self.limits.memory_bytes, self.limits.memory_bytes)
+        worker.desk.lay_out(task.checkpoint)
+        worker.child.on_line = watcher.log
+        worker.child.send(self._request(worker, task, memory_bytes))
+        return Supervision(
+            worker,
+            task,
+            watcher,
+            memory_bytes=memory_bytes,
+            silence_s=self.limits.silence_s,
+        ).run()
+
+    def _request(self, worker: Worker, task: Task, memory_bytes: int) -> dict[str, Any]:
         frame = task.unit.frame
         return {
             "type": "render",
             "token": task.token,
+            "confine": self._confinement(worker, task),
+            "memory_bytes": memory_bytes,
             "scene_path": str(task.scene_path),
             "base_dir": str(task.base_dir),
             "settings": dict(task.settings),
             "camera": None if frame is None or frame.camera is None else dict(frame.camera),
             "time_s": None if frame is None else frame.time_s,
             "outputs": list(task.outputs),
-            "work_dir": str(task.work_dir),
-            "checkpoint": str(task.checkpoint),
+            "work_dir": str(worker.desk.out),
+            "checkpoint": str(worker.desk.checkpoint),
             "checkpoint_interval_s": self._interval_s,
-            "preview": str(task.preview),
+            "preview": str(worker.desk.preview),
             "threads": self._threads,
         }
 
-    def _child(self, slot: int) -> JsonChild:
-        with self._lock:
-            child = self._children[slot]
-            if child is None or not child.is_alive():
-                child = self._children[slot] = JsonChild(self._module)
-            return child
-
-    def _discard(self, slot: int) -> None:
-        with self._lock:
-            child, self._children[slot] = self._children[slot], None
-        if child is not None:
-            child.kill()
+    def _confinement(self, worker: Worker, task: Task) -> dict[str, Any]:
+        limits = Confinement(
+            readable=(readable_of(task.scene_path, task.base_dir, task.checkpoint.parent),),
+            writable=(str(worker.desk.path),),
+            memory_bytes=self.limits.memory_bytes,
+            file_bytes=MAX_FILE_BYTES,
+        )
+        return {"sandbox": self.limits.sandbox, "limits": limits.as_dict()}
 
 
-class _Supervision:
-    """Watches one task in one child."""
-
-    def __init__(self, child: JsonChild, task: Task, watcher: Watcher) -> None:
-        self._child = child
-        self._task = task
-        self._watcher = watcher
-        self._reason: StopReason | None = None
-        self._kill_at = float("inf")
-
-    def run(self) -> Outcome:
-        """Until the child has told the end, or has ended."""
-        while True:
-            message = self._child.receive(_TICK_S)
-            if message is None:
-                return self._gone()
-            if message.get("token") == self._task.token:
-                outcome = self._heard(message)
-                if outcome is not None:
-                    return outcome
-            self._look_for_stop()
-            if time.monotonic() >= self._kill_at:
-                self._child.kill()
-                return Outcome(OutcomeKind.STOPPED)
-
-    def _look_for_stop(self) -> None:
-        reason = self._watcher.stop_reason()
-        if reason is None or reason is self._reason:
-            return
-        self._reason = reason
-        self._kill_at = min(self._kill_at, time.monotonic() + _GRACE_S[reason])
-        self._child.send({"type": "stop", "token": self._task.token, "reason": reason})
-
-    def _heard(self, message: Mapping[str, Any]) -> Outcome | None:
-        match message["type"]:
-            case "progress":
-                if self._reason is StopReason.CANCEL and message["progress"]["phase"] == "encode":
-                    # The render has stopped; the partial image is being written.
-                    self._kill_at = time.monotonic() + _ENCODE_GRACE_S
-                self._watcher.progress(message["progress"])
-            case "preview":
-                self._watcher.preview()
-            case "log":
-                self._watcher.log(message["line"])
-            case "done":
-                return Outcome(OutcomeKind.DONE, result=message["result"])
-            case "stopped":
-                return Outcome(OutcomeKind.STOPPED, result=message["result"])
-            case "rejected":
-                return Outcome(OutcomeKind.REJECTED, error=message["error"])
-            case "broken":
-                return Outcome(OutcomeKind.BROKEN, error=message["error"])
-        return None
-
-    def _gone(self) -> Outcome:
-        how = self._child.reap()
-        if self._reason is not None:
-            return Outcome(OutcomeKind.STOPPED)
-        last = next((line for line in reversed(self._child.tail) if line.strip()), "")
-        detail = f"the render process {how}" + (f": {last}" if last else "")
-        error = {"reason": "crashed", "title": "The render process broke", "detail": detail}
-        return Outcome(OutcomeKind.BROKEN, error=error)
+def readable_of(scene: Path, base_dir: Path, job_dir: Path) -> str:
+    """What of the disk a scene is: its folder, or one file if it lies among a job's own files."""
+    return str(scene if base_dir == job_dir else base_dir)

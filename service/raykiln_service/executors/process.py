@@ -13,7 +13,7 @@ import threading
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any
+from typing import Any, BinaryIO, Protocol
 
 # A child dies with the *thread* that started it (PR_SET_PDEATHSIG), so all of them are started by
 # one thread that lives as long as the process.
@@ -21,18 +21,75 @@ _SPAWNER = ThreadPoolExecutor(max_workers=1, thread_name_prefix="raykiln-spawner
 _MAX_LINE = 1 << 16
 _TAIL_LINES = 20
 
+# What a child needs of the environment.  Tokens and passwords are not among it.
+_PASSED = {"HOME", "LANG", "LANGUAGE", "PATH", "TMPDIR", "TZ", "SSL_CERT_FILE"}
+_PASSED_PREFIXES = ("ASAN_", "LC_", "LD_", "MALLOC_", "OIDN_", "OMP_", "PYTHON", "TBB_", "TSAN_")
+
+
+class Process(Protocol):
+    """What is needed of a running process: `subprocess.Popen` is one."""
+
+    pid: int
+    stdin: Any
+    stdout: Any
+    stderr: Any
+
+    def poll(self) -> int | None:
+        """Its exit code, negative for a signal; None while it runs."""
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Its exit code once it has ended; `subprocess.TimeoutExpired` if it does not."""
+
+    def kill(self) -> None:
+        """SIGKILL."""
+
+
+Launch = Callable[[str, Sequence[str]], Process]
+"""Starts a module with arguments."""
+
+
+def child_environment() -> dict[str, str]:
+    """The environment of a child: nothing that it does not need."""
+    kept = {
+        name: value
+        for name, value in os.environ.items()
+        if name in _PASSED or name.startswith(_PASSED_PREFIXES)
+    }
+    # Its threads would run before the process can be confined, and are of no use to it.
+    return {**kept, "OPENBLAS_NUM_THREADS": "1"}
+
+
+def spawn(command: Sequence[str], stdin: int | BinaryIO = subprocess.PIPE) -> Process:
+    """Start a program from the thread that lives as long as this process."""
+    return _SPAWNER.submit(
+        subprocess.Popen,
+        command,
+        stdin=stdin,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        env=child_environment(),
+    ).result()
+
+
+def launch_python(module: str, arguments: Sequence[str]) -> Process:
+    """Start a module in a fresh interpreter; its first argument is this process's id."""
+    return spawn([sys.executable, "-P", "-m", module, str(os.getpid()), *arguments])
+
 
 class JsonChild:
-    """`python -m MODULE` with messages in both directions.
+    """A running module with messages in both directions.
 
     Parameters
     ----------
     module
-        The module to run; it is given the supervisor's process id as its first argument.
+        The module to run; it is given its parent's process id as its first argument.
     arguments
         Further arguments.
     on_line
         Called (in a thread of its own) with each line of the child's error output.
+    launch
+        How to start it.
     """
 
     def __init__(
@@ -40,20 +97,13 @@ class JsonChild:
         module: str,
         arguments: Sequence[str] = (),
         on_line: Callable[[str], None] | None = None,
+        launch: Launch = launch_python,
     ) -> None:
-        command = [sys.executable, "-P", "-m", module, str(os.getpid()), *arguments]
         self.messages: queue.Queue[dict[str, Any] | None] = queue.Queue()
         self.on_line = on_line
         self.tail: deque[str] = deque(maxlen=_TAIL_LINES)
         self._write_lock = threading.Lock()
-        self._process = _SPAWNER.submit(
-            subprocess.Popen,
-            command,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            start_new_session=True,
-        ).result()
+        self._process = launch(module, arguments)
         self._readers = [
             threading.Thread(target=target, daemon=True)
             for target in (self._read_messages, self._read_lines)
@@ -74,7 +124,6 @@ class JsonChild:
         """Send a message; a child that is gone does not hear it, and its end is seen elsewhere."""
         data = json.dumps(message).encode() + b"\n"
         with self._write_lock, contextlib.suppress(OSError, ValueError):
-            assert self._process.stdin is not None
             self._process.stdin.write(data)
             self._process.stdin.flush()
 
@@ -96,9 +145,13 @@ class JsonChild:
         try:
             code = self._process.wait(timeout_s)
         except subprocess.TimeoutExpired:
-            return self.kill()
+            with contextlib.suppress(ProcessLookupError):
+                self._process.kill()
+            try:
+                code = self._process.wait(timeout_s)
+            except subprocess.TimeoutExpired:
+                return "does not end"
         with self._write_lock, contextlib.suppress(OSError):
-            assert self._process.stdin is not None
             self._process.stdin.close()
         for reader in self._readers:
             # What it said last tells why it ended.
@@ -110,7 +163,6 @@ class JsonChild:
         return f"exited with code {code}"
 
     def _read_messages(self) -> None:
-        assert self._process.stdout is not None
         with self._process.stdout as pipe:
             for line in pipe:
                 with contextlib.suppress(ValueError):
@@ -120,7 +172,6 @@ class JsonChild:
         self.messages.put(None)
 
     def _read_lines(self) -> None:
-        assert self._process.stderr is not None
         with self._process.stderr as pipe:
             while line := pipe.readline(_MAX_LINE):
                 text = line.decode(errors="replace").rstrip()

@@ -53,7 +53,11 @@ def version(context: InContext) -> VersionView:
     """What runs here."""
     settings = context.settings
     return VersionView(
-        version=rk.__version__, api="v1", executor=settings.executor, slots=settings.slots
+        version=rk.__version__,
+        api="v1",
+        executor=settings.executor,
+        slots=settings.slots,
+        sandbox=dict(context.sandbox),
     )
 
 

@@ -23,17 +23,17 @@ def pixels(server: Any, job_id: str) -> dict[str, bytes]:
 
 
 def render_children(server: Any) -> list[int]:
-    """Process ids of the service's render children."""
-    found = []
+    """Process ids of the service's render children, which its zygote has forked."""
+    found, parents = [], {}
     for entry in Path("/proc").iterdir():
         try:
-            line = (entry / "cmdline").read_bytes().split(b"\0")
-            parent = int((entry / "stat").read_text().rsplit(")", 1)[1].split()[1])
-        except (OSError, IndexError, ValueError):
+            name, fields = (entry / "stat").read_text().split("(", 1)[1].rsplit(")", 1)
+        except (OSError, IndexError):
             continue
-        if parent == server.process.pid and b"raykiln_service.executors.child" in line:
+        parents[int(entry.name)] = int(fields.split()[1])
+        if name == "raykiln-child":
             found.append(int(entry.name))
-    return found
+    return [pid for pid in found if parents.get(parents[pid]) == server.process.pid]
 
 
 def is_running(pid: int) -> bool:

@@ -79,13 +79,15 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Outcom
     return run_program
 
 
-def test_news_reach_the_watcher_and_noise_does_not(run: Any) -> None:
+def test_news_reach_the_watcher_and_noise_does_not(run: Any, tmp_path: Path) -> None:
     watcher = Recorder()
     outcome = run(
         """
         print("noise that looks like news:", json.dumps({"type": "done", "token": "token-1"}))
         tell("progress", progress={"phase": "render", "fraction": 0.5})
         channel.send(type="progress", token="of another task", progress={"phase": "x"})
+        tell("preview")
+        open(task["preview"], "wb").write(b"a picture")
         tell("preview")
         sys.stderr.write("a warning\\n")
         sys.stderr.flush()
@@ -97,7 +99,9 @@ def test_news_reach_the_watcher_and_noise_does_not(run: Any) -> None:
     )
     assert outcome == Outcome(OutcomeKind.DONE, result={"complete": True})
     assert watcher.heard == [{"phase": "render", "fraction": 0.5}]
+    # The first was none: there was no file.
     assert (watcher.previews, "a warning" in watcher.lines) == (1, True)
+    assert (tmp_path / "preview.png").read_bytes() == b"a picture"
 
 
 @pytest.mark.parametrize(
@@ -163,8 +167,19 @@ def test_a_broken_child_is_replaced_and_a_good_one_kept(
     executor = LocalExecutor(1, module="two_tasks")
 
     def pid_of(**settings: Any) -> Any:
-        place = tmp_path
-        task = Task("j", "t", Unit(0), place, place, settings, (), place, place, place)
+        task = Task(
+            job_id="job-1",
+            token="t",
+            unit=Unit(0),
+            scene_path=tmp_path,
+            base_dir=tmp_path,
+            settings=settings,
+            outputs=(),
+            work_dir=tmp_path,
+            checkpoint=tmp_path / "checkpoint",
+            preview=tmp_path / "preview.png",
+            scene_key="x",
+        )
         return (executor.run(0, task, Recorder()).result or {}).get("pid")
 
     try:
@@ -223,7 +238,7 @@ def test_a_child_without_its_supervisor_does_not_even_start(tmp_path: Path) -> N
 
 
 def test_messages_to_a_dead_child_do_no_harm() -> None:
-    child = JsonChild("raykiln_service.executors.check", ["1000000000000"])
+    child = JsonChild("raykiln_service.executors.check")
     child.kill()
     child.send({"type": "check"})
     assert not child.is_alive()
