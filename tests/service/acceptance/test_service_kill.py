@@ -25,7 +25,7 @@ def pixels(server: Any, job_id: str) -> dict[str, bytes]:
 def render_children(server: Any) -> list[int]:
     """Process ids of the service's render children, which its zygote has forked."""
     found, parents = [], {}
-    for entry in Path("/proc").iterdir():
+    for entry in Path("/proc").glob("[0-9]*"):
         try:
             name, fields = (entry / "stat").read_text().split("(", 1)[1].rsplit(")", 1)
         except (OSError, IndexError):
