@@ -114,7 +114,8 @@ class RenderResult:
         suffix = path.suffix.lower()
         if suffix == ".exr":
             layers = {"beauty": self.image, **self.aovs}
-            images.write_exr(path, layers, half=half, metadata=self.metadata())
+            window = self._window()
+            images.write_exr(path, layers, half=half, metadata=self.metadata(), window=window)
         elif suffix == ".png":
             pixels = images.to_png_pixels(self.image, view=view, exposure=exposure)
             metadata = {**self.metadata(), "view": view, "exposure": float(exposure)}
@@ -123,6 +124,13 @@ class RenderResult:
             raise ImageError(f"{path}: unknown image format {suffix!r}; accepted: .exr, .png")
         self.stats.encode_s += time.perf_counter() - start
         return path
+
+    def _window(self) -> tuple[int, int, int, int] | None:
+        """Where the pixels of a crop lie in the whole image."""
+        if self.settings.crop is None:
+            return None
+        x0, y0, _x1, _y1 = self.settings.crop
+        return x0, y0, self.settings.width, self.settings.height
 
     def metadata(self) -> dict[str, str | int | float]:
         """What the image files say about themselves; the same for the same bits."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -114,3 +115,15 @@ def test_a_denoised_result_keeps_the_noisy_image(tmp_path: Path) -> None:
     assert not np.array_equal(result.image, noisy)
     layers = read_exr_layers(result.save(tmp_path / "denoised.exr"))
     assert set(layers) == {"beauty", "noisy"}
+
+
+def test_the_file_of_a_crop_says_where_it_lies(tmp_path: Path) -> None:
+    settings = rk.RenderSettings(width=40, height=24, spp=1, crop=(8, 4, 20, 20))
+    file = rk.render(bit_scene(), settings).save(tmp_path / "crop.exr")
+    assert read_exr_layers(file)["beauty"].shape == (16, 12, 3)
+    # The windows as the format has them: corners, the last pixel included.
+    header = file.read_bytes()
+    for name, corners in (("dataWindow", (8, 4, 19, 19)), ("displayWindow", (0, 0, 39, 23))):
+        attribute = f"{name}\0box2i\0".encode() + struct.pack("<i", 16)
+        start = header.index(attribute) + len(attribute)
+        assert struct.unpack("<4i", header[start : start + 16]) == corners
