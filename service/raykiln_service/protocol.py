@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import resource
-from typing import Any
+from typing import Any, ClassVar
 
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
@@ -29,7 +29,7 @@ class PatientProtocol(H11Protocol):
     _unread = 0
     _is_counted = False
     # Of all connections of the service, which has one event loop.
-    _count = [0]
+    _count: ClassVar[list[int]] = [0]
 
     def connection_made(self, transport: Any) -> None:
         """A client has connected."""

@@ -15,6 +15,21 @@ from raykiln_service.client.base import CHUNK_BYTES, ClientBase
 from raykiln_service.client.calls import Call, Reconnects
 from raykiln_service.client.downloads import Download
 from raykiln_service.client.models import Asset, Event, EventDecoder, Job, JobPage, ServerError
+from raykiln_service.client.uploads import (
+    SMALL_BYTES,
+    Answer,
+    Step,
+    Steps,
+    answer_of,
+    upload_steps,
+)
+
+
+async def _blocks(file: Path, start: int = 0) -> AsyncIterator[bytes]:
+    with file.open("rb") as stream:
+        stream.seek(start)
+        while block := stream.read(CHUNK_BYTES):
+            yield block
 
 
 class AsyncClient(ClientBase):
@@ -113,16 +128,40 @@ class AsyncClient(ClientBase):
         return calls.items_of(await self._send(Call("GET", "/v1/scenes")))
 
     async def upload_asset(self, path: str | Path, *, filename: str | None = None) -> Asset:
-        """Upload a scene file, or a zip bundle of a scene and the files beside it."""
+        """Upload a scene file, or a zip bundle of a scene and the files beside it.
+
+        A large file is not sent if it is there already, and goes on where an earlier upload of
+        it was broken off, be it by this client or another with the same token.
+        """
         file = Path(path)
+        name = filename or file.name
+        if file.stat().st_size > SMALL_BYTES:
+            return await self._carry_out(upload_steps(file, name, self._policy), file)
+        call = calls.upload_call(file, name)
+        return Asset.model_validate(await self._send(call, lambda: _blocks(file)))
 
-        async def content() -> AsyncIterator[bytes]:
-            with file.open("rb") as stream:
-                while block := stream.read(CHUNK_BYTES):
-                    yield block
+    async def _carry_out(self, steps: Steps, file: Path) -> Asset:
+        # The first step hashes the file.
+        step = await asyncio.to_thread(next, steps)
+        try:
+            while True:
+                await asyncio.sleep(step.pause_s)
+                step = steps.send(await self._answer(step, file))
+        except StopIteration as end:
+            asset: Asset = end.value
+            return asset
+        except httpx.TransportError as error:
+            raise calls.unreachable(self.server, error) from error
 
-        call = calls.upload_call(file, filename or file.name)
-        return Asset.model_validate(await self._send(call, content))
+    async def _answer(self, step: Step, file: Path) -> Answer:
+        if not step.may_fail:
+            return await self._reply(step.call)
+        body = None if step.start is None else _blocks(file, step.start)
+        try:
+            response = await self._http.request(**self._arguments(step.call, body))
+        except httpx.TransportError as error:
+            return error
+        return answer_of(response, self.server)
 
     async def submit(
         self,

@@ -22,6 +22,21 @@ from raykiln_service.client.models import (
     JobPage,
     ServerError,
 )
+from raykiln_service.client.uploads import (
+    SMALL_BYTES,
+    Answer,
+    Step,
+    Steps,
+    answer_of,
+    upload_steps,
+)
+
+
+def _blocks(file: Path, start: int = 0) -> Iterator[bytes]:
+    with file.open("rb") as stream:
+        stream.seek(start)
+        while block := stream.read(CHUNK_BYTES):
+            yield block
 
 
 class Client(ClientBase):
@@ -118,16 +133,39 @@ class Client(ClientBase):
         return calls.items_of(self._send(Call("GET", "/v1/scenes")))
 
     def upload_asset(self, path: str | Path, *, filename: str | None = None) -> Asset:
-        """Upload a scene file, or a zip bundle of a scene and the files beside it."""
+        """Upload a scene file, or a zip bundle of a scene and the files beside it.
+
+        A large file is not sent if it is there already, and goes on where an earlier upload of
+        it was broken off, be it by this client or another with the same token.
+        """
         file = Path(path)
+        name = filename or file.name
+        if file.stat().st_size > SMALL_BYTES:
+            return self._carry_out(upload_steps(file, name, self._policy), file)
+        call = calls.upload_call(file, name)
+        return Asset.model_validate(self._send(call, lambda: _blocks(file)))
 
-        def content() -> Iterator[bytes]:
-            with file.open("rb") as stream:
-                while block := stream.read(CHUNK_BYTES):
-                    yield block
+    def _carry_out(self, steps: Steps, file: Path) -> Asset:
+        step = next(steps)
+        try:
+            while True:
+                time.sleep(step.pause_s)
+                step = steps.send(self._answer(step, file))
+        except StopIteration as end:
+            asset: Asset = end.value
+            return asset
+        except httpx.TransportError as error:
+            raise calls.unreachable(self.server, error) from error
 
-        call = calls.upload_call(file, filename or file.name)
-        return Asset.model_validate(self._send(call, content))
+    def _answer(self, step: Step, file: Path) -> Answer:
+        if not step.may_fail:
+            return self._reply(step.call)
+        body = None if step.start is None else _blocks(file, step.start)
+        try:
+            response = self._http.request(**self._arguments(step.call, body))
+        except httpx.TransportError as error:
+            return error
+        return answer_of(response, self.server)
 
     def submit(
         self,

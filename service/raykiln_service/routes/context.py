@@ -89,7 +89,7 @@ InContext = Annotated[Context, Depends(_context)]
 
 
 async def read_json(request: Request) -> Any:
-    """The decoded body; `MalformedRequestError` if it is no JSON, `MediaTypeError` if it says so."""
+    """The decoded body; `MediaTypeError` or `MalformedRequestError` if it is no JSON."""
     kind = request.headers.get("content-type", "application/json").split(";")[0].strip().lower()
     if kind != "application/json" and not kind.endswith("+json"):
         raise MediaTypeError(found=kind[:100], accepted="application/json")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import base64
 import contextlib
 import hashlib
@@ -17,6 +18,7 @@ from typing import Any
 
 import httpx
 import pytest
+from raykiln_service.client import AsyncClient, Client
 
 TUS = {"Tus-Resumable": "1.0.0"}
 KIND = {"Content-Type": "application/offset+octet-stream"}
@@ -367,3 +369,99 @@ def test_a_client_of_others_making(server: Any) -> None:
     uploader.upload()
     with server.client() as client:
         assert client.get(f"/v1/assets/sha256:{sha256(content)}").status_code == 200
+
+
+# The client.
+
+
+class Cutter:
+    """Passes connections on to a service, and cuts each off after so many bytes to it."""
+
+    def __init__(self, server: Any, after: int) -> None:
+        host, port = server.url.removeprefix("http://").split(":")
+        self._target = (host, int(port))
+        self._after = after
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.url = f"http://127.0.0.1:{self._listener.getsockname()[1]}"
+        self.passed = 0
+        self.cuts = 0
+        threading.Thread(target=self._accept, daemon=True).start()
+
+    def close(self) -> None:
+        # Wakes the thread that accepts, which a mere close would leave waiting.
+        self._listener.shutdown(socket.SHUT_RDWR)
+        self._listener.close()
+
+    def _accept(self) -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                near, _address = self._listener.accept()
+                far = socket.create_connection(self._target)
+                for source, sink, limit in ((near, far, self._after), (far, near, 1 << 60)):
+                    threading.Thread(
+                        target=self._pump, args=(source, sink, limit), daemon=True
+                    ).start()
+
+    def _pump(self, source: socket.socket, sink: socket.socket, left: int) -> None:
+        with contextlib.suppress(OSError), source, sink:
+            while data := source.recv(min(65536, max(left, 1))):
+                left -= len(data)
+                if left < 0:
+                    self.cuts += 1
+                    # Both ends: the other thread holds them open too.
+                    source.shutdown(socket.SHUT_RDWR)
+                    sink.shutdown(socket.SHUT_RDWR)
+                    return
+                sink.sendall(data)
+                if left < 1 << 50:
+                    self.passed += len(data)
+
+
+@pytest.mark.parametrize("kind", ["blocking", "asynchronous"])
+def test_the_client_goes_on_through_cuts_and_sends_nothing_twice(
+    server: Any, tmp_path: Path, kind: str
+) -> None:
+    path = tmp_path / "scene.glb"
+    path.write_bytes(os.urandom(5_000_000))
+
+    def upload(url: str) -> Any:
+        if kind == "blocking":
+            with Client(url) as client:
+                return client.upload_asset(path)
+
+        async def run() -> Any:
+            async with AsyncClient(url) as client:
+                return await client.upload_asset(path)
+
+        return asyncio.run(run())
+
+    cutter = Cutter(server, after=1_500_000)
+    try:
+        asset = upload(cutter.url)
+        assert asset.id == f"sha256:{sha256(path.read_bytes())}"
+        assert asset.size_bytes == 5_000_000
+        assert cutter.cuts >= 3
+        assert cutter.passed < 5_500_000
+        before = cutter.passed
+        assert upload(cutter.url) == asset
+        assert cutter.passed - before < 10_000
+    finally:
+        cutter.close()
+
+
+def test_a_client_takes_up_what_an_earlier_one_left(server: Any, tmp_path: Path) -> None:
+    content = os.urandom(3_000_000)
+    path = tmp_path / "left.glb"
+    path.write_bytes(content)
+    values = {"filename": b"left.glb", "sha256": sha256(content).encode()}
+    meta = ",".join(f"{name} {b64(value)}" for name, value in values.items())
+    with server.client() as client:
+        place = begin(client, len(content), **{"Upload-Metadata": meta})
+        assert send(client, place, 0, content[:2_900_000]).status_code == 204
+    cutter = Cutter(server, after=1_000_000)
+    try:
+        with Client(cutter.url) as client:
+            assert client.upload_asset(path).id == f"sha256:{sha256(content)}"
+        assert (cutter.cuts, cutter.passed < 200_000) == (0, True)
+    finally:
+        cutter.close()
