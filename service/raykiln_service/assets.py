@@ -44,7 +44,7 @@ from raykiln_service.errors import (
     NotFoundError,
     TooLargeError,
 )
-from raykiln_service.files import remove_tree, sync_dir, sync_file, write_durably
+from raykiln_service.files import remove_tree, sha256_of, sync_dir, sync_file, write_durably
 from raykiln_service.rows import Asset
 from raykiln_service.store import Store
 
@@ -230,6 +230,18 @@ class AssetStore:
         else:
             folder = self._linked(asset, scene["entry"])
         return SceneFile(folder.joinpath(*PurePosixPath(scene["entry"]).parts), folder)
+
+    def key_of(self, scene: Mapping[str, Any], place: SceneFile) -> str:
+        """Names a resolved scene by its content: the same name, the same scene."""
+        if "asset" in scene:
+            # Unpacked anew it is another folder, for which a process has no rights.
+            folder = place.base_dir.stat()
+            return f"{scene['asset']}/{scene['entry']}/{folder.st_ino}/{folder.st_mtime_ns}"
+        if "name" in scene:
+            # A file of the installation, which may be exchanged.
+            found = place.path.stat()
+            return f"{scene['name']}/{found.st_mtime_ns}/{found.st_size}"
+        return f"inline/{sha256_of(place.path)}"
 
     def _entry(self, asset: Asset, entry: str | None) -> str:
         if not self._is_bundle(asset):

@@ -72,7 +72,7 @@ class Attempt:
         self._service_log = get_logger(job=job.id, attempt=self._lease.attempt)
         self._progress: Mapping[str, Any] | None = None
         self._first_spp: int | None = None
-        self._beat_at = time.monotonic()
+        self._began_at = self._beat_at = time.monotonic()
         self._polled_at = 0.0
         self._reason: StopReason | None = None
 
@@ -144,8 +144,20 @@ class Attempt:
         spp = (self._progress or {}).get("spp_done") or 0
         advanced = self._first_spp is not None and spp > self._first_spp
         self._store.heartbeat(
-            self._lease, self._settings.lease_s, self._progress, advanced=advanced
+            self._lease,
+            self._settings.lease_s,
+            self._progress,
+            advanced=advanced,
+            used_ms=self._used_ms(),
         )
+
+    def _used_ms(self) -> int:
+        """Time of the job on a slot, over all attempts."""
+        return self._job.used_ms + int((time.monotonic() - self._began_at) * 1000)
+
+    def _time_left_s(self) -> float | None:
+        limits = [s for s in (self._job.spec.timeout_s, self._settings.max_job_s) if s is not None]
+        return max(0.0, min(limits) - self._used_ms() / 1000) if limits else None
 
     def _asked_to_cancel(self) -> bool:
         job = self._store.job(self._job.id)
@@ -181,6 +193,9 @@ class Attempt:
             work_dir=self._work_dir,
             checkpoint=self._folder / f"checkpoint{suffix}",
             preview=self._folder / "preview.png",
+            scene_key=self._assets.key_of(self._job.spec.scene, scene),
+            memory_bytes=self._job.spec.memory_bytes,
+            time_left_s=self._time_left_s(),
         )
 
     def _commit(self, outcome: Outcome) -> None:

@@ -123,6 +123,16 @@ class JobSpec:
     """Which pictures are asked for, as given; None = one image."""
     planned: tuple[Frame, ...] = ()
     """These pictures one by one; given at submission, kept by the store on their own."""
+    memory_bytes: int | None = None
+    """Most memory that it may take, if less than the service allows."""
+    timeout_s: float | None = None
+    """Longest time on a slot, all attempts together."""
+
+    @property
+    def limits(self) -> dict[str, float]:
+        """The limits that were asked for, by name."""
+        found = {"memory_bytes": self.memory_bytes, "timeout_s": self.timeout_s}
+        return {name: value for name, value in found.items() if value is not None}
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,6 +157,8 @@ class Job:
     stalls: int = 0
     """Interruptions in a row without a finished pass between them."""
     max_attempts: int = 3
+    used_ms: int = 0
+    """Time on a slot since submission or the last retry, as of the last heartbeat."""
     cancel_requested: bool = False
     progress: Mapping[str, Any] | None = None
     error: Mapping[str, Any] | None = None

@@ -58,11 +58,18 @@ class LeaseStore(UnitStore):
         return self.job(job.id)
 
     def heartbeat(
-        self, lease: Lease, lease_s: float, progress: Mapping[str, Any] | None, *, advanced: bool
+        self,
+        lease: Lease,
+        lease_s: float,
+        progress: Mapping[str, Any] | None,
+        *,
+        advanced: bool,
+        used_ms: int | None = None,
     ) -> None:
         """Prolong a lease and note the progress; `LeaseLostError` if it is lost.
 
-        `advanced` says that a pass was finished since the attempt began.
+        `advanced` says that a pass was finished since the attempt began, `used_ms` how long the
+        job has been on a slot in all.
         """
         now = self.clock()
         values: dict[str, Any] = {"lease_expires_ms": now + int(lease_s * 1000)}
@@ -70,6 +77,8 @@ class LeaseStore(UnitStore):
             values["progress"] = dump(dict(progress))
         if advanced:
             values["stalls"] = 0
+        if used_ms is not None:
+            values["used_ms"] = used_ms
         with self.database.write() as connection:
             query = jobs.update().where(*fence(lease)).values(**values)
             if connection.execute(query).rowcount != 1:

@@ -47,10 +47,11 @@ def job_of(row: RowMapping) -> Job:
         labels=json.loads(row["labels"]),
         warnings=tuple(json.loads(row["warnings"])),
         frames=_load(row["frames"]),
+        **(_load(row["limits"]) or {}),
     )
     token = row["lease_token"]
     same = ("id", "seq", "created_ms", "updated_ms", "started_ms", "finished_ms", "attempts")
-    counts = ("failures", "interruptions", "stalls", "max_attempts")
+    counts = ("failures", "interruptions", "stalls", "max_attempts", "used_ms")
     return Job(
         spec=spec,
         state=JobState(row["state"]),

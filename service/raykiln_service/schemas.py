@@ -69,6 +69,11 @@ class JobRequest(BaseModel):
     made of all frames.  null = EXR and PNG, with the contact sheet of frames."""
     priority: Annotated[int, Field(ge=-1000, le=1000)] = 0
     """Higher goes first; waiting makes up for it."""
+    memory_bytes: Annotated[int, Field(ge=1 << 26)] | None = None
+    """Memory that it may take; null or more than the service allows = what that allows."""
+    timeout_s: Annotated[float, Field(gt=0, le=1e9)] | None = None
+    """Longest time that it may spend on a slot, all attempts together; then it fails, and keeps
+    the image so far."""
     cache: bool = True
     """Whether the result of an identical job may be the answer; false = render in any case."""
     labels: Annotated[
@@ -205,6 +210,11 @@ class JobView(BaseModel):
     attempts: int
     max_attempts: int
     interruptions: int
+    memory_bytes: int | None
+    timeout_s: float | None
+    """As asked for; the service may allow less."""
+    used_s: float
+    """Time on a slot, all attempts together, as of the last heartbeat."""
     cancel_requested: bool
     created_at: datetime
     updated_at: datetime
@@ -323,6 +333,9 @@ def job_view(
         attempts=job.attempts,
         max_attempts=job.max_attempts,
         interruptions=job.interruptions,
+        memory_bytes=job.spec.memory_bytes,
+        timeout_s=job.spec.timeout_s,
+        used_s=job.used_ms / 1000,
         cancel_requested=job.cancel_requested,
         created_at=timestamp(job.created_ms),
         updated_at=timestamp(job.updated_ms),

@@ -184,6 +184,7 @@ class Store(LeaseStore, QueueStore, RetentionStore):
                 labels=dump(dict(spec.labels)),
                 warnings=dump(list(spec.warnings)),
                 frames=None if spec.frames is None else dump(dict(spec.frames)),
+                limits=dump(spec.limits) if spec.limits else None,
                 asset_id=spec.scene.get("asset"),
                 created_ms=now,
                 updated_ms=now,
@@ -350,6 +351,7 @@ class Store(LeaseStore, QueueStore, RetentionStore):
             self._allowed(job, JobEvent.RETRY)
             reset_frames(change.connection, job_id)
             fresh = {"failures": 0, "stalls": 0, "cancel_requested": 0, "not_before_ms": 0}
+            fresh["used_ms"] = 0
             fresh |= self._place(change.connection, job.spec.priority)
             self._move(change, job, JobEvent.RETRY, error=None, result=None, **fresh)
         return self.job(job_id)

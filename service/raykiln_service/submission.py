@@ -56,9 +56,7 @@ class Submissions:
         self._lock = threading.Lock()
         self._in_flight: set[tuple[str | None, str]] = set()
 
-    def submit(
-        self, body: Any, key: str | None, caller: Caller = LOCAL
-    ) -> tuple[Job, bool]:
+    def submit(self, body: Any, key: str | None, caller: Caller = LOCAL) -> tuple[Job, bool]:
         """Check a request and queue its job.
 
         Parameters
@@ -144,6 +142,8 @@ class Submissions:
             priority=request.priority,
             labels=request.labels,
             warnings=tuple(report["warnings"]),
+            memory_bytes=request.memory_bytes,
+            timeout_s=request.timeout_s,
             **self._frames(request, resolved, report),
         )
         scene_sha256 = report["summary"]["scene_sha256"]
