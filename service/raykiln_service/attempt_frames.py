@@ -9,6 +9,7 @@ from typing import Any
 from raykiln_service.attempt import Attempt
 from raykiln_service.executors.base import Executor, Outcome, OutcomeKind
 from raykiln_service.executors.gatherer import Gathering, gather
+from raykiln_service.executors.limits import default_job_memory
 from raykiln_service.files import remove_tree
 from raykiln_service.jobs import FrameState
 from raykiln_service.planner import GATHERED, Unit, playback_fps
@@ -154,8 +155,16 @@ class FramesAttempt(Attempt):
             assert record.result is not None
             folder = self._folder / record.result["dir"]
             places.append((record.frame.number, folder / "image.exr"))
-        fps = playback_fps(self._job.spec.frames or {})
-        return Gathering(places, wanted, fps, self._work_dir)
+        own = self._settings.job_memory_bytes
+        return Gathering(
+            frames=places,
+            outputs=wanted,
+            fps=playback_fps(self._job.spec.frames or {}),
+            job_dir=self._folder,
+            work_dir=self._work_dir,
+            memory_bytes=own or default_job_memory(self._settings.slots),
+            sandbox=self._settings.sandbox,
+        )
 
     def _publish_summary(self, *, complete: bool, fresh: bool = True) -> dict[str, Any] | None:
         """The result of the job: totals over its frames, beside what was gathered."""

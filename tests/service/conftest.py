@@ -8,6 +8,7 @@ import secrets
 import shutil
 import signal
 import socket
+import struct
 import subprocess
 import sys
 import tempfile
@@ -267,3 +268,57 @@ def ball() -> dict[str, Any]:
             {"type": "sphere", "center": [2, 3, 2], "radius": 0.4, "emission": {"radiance": 12}},
         ],
     }
+
+
+def _animated(target: str, path: str, values: list[list[float]]) -> bytes:
+    """A GLB of a triangle before a camera; one property of one of them is animated over 2 s."""
+    triangle = struct.pack("<9f", -1, -1, 0, 1, -1, 0, 0, 1, 0)
+    count = len(values)
+    times = struct.pack(f"<{count}f", *(2 * i / (count - 1) for i in range(count)))
+    moves = struct.pack(f"<{3 * len(values)}f", *(x for row in values for x in row))
+    views, binary = [], b""
+    for part in (triangle, times, moves):
+        views.append({"buffer": 0, "byteOffset": len(binary), "byteLength": len(part)})
+        binary += part
+    kinds = [("VEC3", 3), ("SCALAR", len(values)), ("VEC3", len(values))]
+    document = {
+        "asset": {"version": "2.0"},
+        "scenes": [{"nodes": [0, 1]}],
+        "nodes": [{"mesh": 0}, {"camera": 0, "translation": [0, 0, 4]}],
+        "cameras": [{"type": "perspective", "perspective": {"yfov": 0.8, "znear": 0.1}}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+        "buffers": [{"byteLength": len(binary)}],
+        "bufferViews": views,
+        "accessors": [
+            {"bufferView": i, "componentType": 5126, "count": count, "type": kind}
+            for i, (kind, count) in enumerate(kinds)
+        ],
+        "animations": [
+            {
+                "samplers": [{"input": 1, "output": 2}],
+                "channels": [
+                    {
+                        "sampler": 0,
+                        "target": {"node": ["mesh", "camera"].index(target), "path": path},
+                    }
+                ],
+            }
+        ],
+    }
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text
+    chunks += struct.pack("<II", len(binary), 0x004E4942) + binary
+    return struct.pack("<III", 0x46546C67, 2, 12 + len(chunks)) + chunks
+
+
+@pytest.fixture(scope="session")
+def moving() -> bytes:
+    """A GLB with a triangle that moves to the right for 2 s."""
+    return _animated("mesh", "translation", [[0, 0, 0], [1, 0, 0]])
+
+
+@pytest.fixture(scope="session")
+def vanishing() -> bytes:
+    """A GLB whose camera shrinks to nothing after 1 s, where it cannot see, and grows again."""
+    return _animated("camera", "scale", [[1, 1, 1], [0, 0, 0], [1, 1, 1]])

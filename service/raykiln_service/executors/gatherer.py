@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from raykiln_service.executors.base import Outcome, OutcomeKind, Watcher
+from raykiln_service.executors.limits import MAX_FILE_BYTES, Sandbox
 from raykiln_service.executors.process import JsonChild
+from raykiln_service.sandbox import Confinement
 
 _MODULE = "raykiln_service.executors.gather"
 _TICK_S = 0.1
@@ -25,7 +27,11 @@ class Gathering:
     """Number and EXR file, in order."""
     outputs: Sequence[str]
     fps: float
+    job_dir: Path
+    """Where the frames are."""
     work_dir: Path
+    memory_bytes: int
+    sandbox: Sandbox
 
 
 def gather(task: Gathering, watcher: Watcher, module: str = _MODULE) -> Outcome:
@@ -56,8 +62,15 @@ def gather(task: Gathering, watcher: Watcher, module: str = _MODULE) -> Outcome:
 
 
 def _request(task: Gathering) -> Mapping[str, Any]:
+    limits = Confinement(
+        readable=(str(task.job_dir),),
+        writable=(str(task.work_dir),),
+        memory_bytes=task.memory_bytes,
+        file_bytes=MAX_FILE_BYTES,
+    )
     return {
         "type": "gather",
+        "confine": {"sandbox": task.sandbox, "limits": limits.as_dict()},
         "frames": [[number, str(path)] for number, path in task.frames],
         "outputs": list(task.outputs),
         "fps": task.fps,
