@@ -60,7 +60,7 @@ class Service:
         self.store.listen(self.hub.state_changed)
         self.metrics = Metrics(self.store)
         allowed = _render_limits(settings)
-        nursery = Nursery()
+        self._nursery = nursery = Nursery()
         self.checks = CheckPool(
             settings.check_timeout_s,
             settings.check_memory_bytes or allowed.memory_bytes,
@@ -128,6 +128,7 @@ class Service:
         self.dispatcher.finish_stop(_STOP_S)
         self.rounds.stop(_STOP_S)
         self.checks.close()
+        self._nursery.close()
         self.database.close()
         self._lock.close()
 

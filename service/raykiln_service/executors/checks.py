@@ -34,6 +34,7 @@ class CheckPool:
         self._timeout_s = timeout_s
         self._memory_bytes = memory_bytes
         self._sandbox = sandbox
+        self._own_nursery = nursery is None
         self._nursery = nursery or Nursery()
         self._places = threading.BoundedSemaphore(_PARALLEL)
         self._lock = threading.Lock()
@@ -81,7 +82,8 @@ class CheckPool:
             children = list(self._all)
         for child in children:
             child.kill()
-        self._nursery.close()
+        if self._own_nursery:
+            self._nursery.close()
 
     def _ask(self, scene: SceneFile) -> dict[str, Any]:
         child = self._start()

@@ -64,6 +64,7 @@ class LocalExecutor:
         self._module = module
         self._own_scratch = scratch is None
         self._scratch = Path(tempfile.mkdtemp(prefix="raykiln-")) if scratch is None else scratch
+        self._own_nursery = nursery is None
         self._nursery = nursery or Nursery()
         self._pool = WorkerPool(
             lambda: JsonChild(self._module, launch=self._nursery.start),
@@ -124,7 +125,8 @@ class LocalExecutor:
         """End all children."""
         self._stopped = True
         self._pool.close()
-        self._nursery.close()
+        if self._own_nursery:
+            self._nursery.close()
         if self._own_scratch:
             shutil.rmtree(self._scratch, ignore_errors=True)
 
