@@ -40,9 +40,10 @@ def module_service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Service
 
 @pytest.fixture
 def service(module_service: Service) -> Iterator[Service]:
-    """The same, without any jobs."""
+    """The same; what a test submits to it is gone after the test."""
+    keep = {job["id"] for job in module_service.jobs()}
     yield module_service
-    module_service.clear()
+    module_service.clear(keep)
 
 
 @pytest.fixture

@@ -43,6 +43,7 @@ class Service:
             self.port: int = probe.getsockname()[1]
         self.url = f"http://127.0.0.1:{self.port}"
         self._folder = folder
+        self.data_dir = folder / "data"
         self._environment = environment
         self._process: subprocess.Popen[bytes] | None = None
 
@@ -52,7 +53,7 @@ class Service:
         log = self._folder / "service.log"
         with log.open("ab") as output:
             self._process = subprocess.Popen(
-                [*command, "--data-dir", str(self._folder / "data")],
+                [*command, "--data-dir", str(self.data_dir)],
                 stdout=output,
                 stderr=subprocess.STDOUT,
                 env={**os.environ, **self._environment},
@@ -108,15 +109,14 @@ class Service:
         """The newest jobs."""
         return list(self.get("/v1/jobs", limit=200).json()["items"])
 
-    def clear(self) -> None:
-        """End and remove all jobs."""
+    def clear(self, keep: set[str]) -> None:
+        """End and remove all jobs but some."""
         with self.client() as client:
-            for job in self.jobs():
-                client.post(f"/v1/jobs/{job['id']}/cancel")
             deadline = time.monotonic() + 60
-            while jobs := self.jobs():
-                for job in jobs:
-                    client.delete(f"/v1/jobs/{job['id']}")
+            while jobs := {job["id"] for job in self.jobs()} - keep:
+                for job_id in jobs:
+                    client.post(f"/v1/jobs/{job_id}/cancel")
+                    client.delete(f"/v1/jobs/{job_id}")
                 assert time.monotonic() < deadline, jobs
                 time.sleep(0.05)
 

@@ -24,7 +24,9 @@ def fill_quick(page: Any) -> None:
 def submitted(page: Any, service: Service) -> dict[str, Any]:
     """The job that the page goes to after a press of the button."""
     page.click(RENDER)
-    page.wait_for_selector("main .job h1")
+    complaints = page.locator(".submit .bad:not(:empty)")
+    until(lambda: page.locator("main .job h1").count() or complaints.count())
+    assert complaints.all_inner_texts() == []
     (job,) = service.jobs()
     assert page.url.endswith(f"#/jobs/{job['id']}")
     return job
@@ -120,8 +122,9 @@ def textured(folder: Path) -> Path:
     """A folder with a scene, its texture in a folder of its own, and litter."""
     (folder / "textures").mkdir(parents=True)
     write_png(folder / "textures" / "größe.png", np.full((4, 4, 3), 0.5))
-    red = {"type": "diffuse", "reflectance": {"file": "textures/größe.png"}}
-    write_ball(folder / "ball.json", materials={"red": red})
+    textures = {"paint": {"type": "image", "file": "textures/größe.png"}}
+    red = {"type": "diffuse", "reflectance": {"texture": "paint"}}
+    write_ball(folder / "ball.json", materials={"red": red}, textures=textures)
     (folder / ".DS_Store").write_bytes(b"\0")
     return folder
 

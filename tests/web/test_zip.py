@@ -33,7 +33,9 @@ def test_the_zip_is_one(tab: Any, service: Service) -> None:
     with zipfile.ZipFile(io.BytesIO(bytes(made["bytes"]))) as archive:
         assert archive.testzip() is None
         found = {name: archive.read(name).decode() for name in archive.namelist()}
-    assert found == {path: text for path, text in files.items() if "MAC" not in path and ".git" not in path}
+    assert found == {
+        path: text for path, text in files.items() if "MAC" not in path and ".git" not in path
+    }
 
 
 def test_files_without_a_scene_are_refused(tab: Any, service: Service) -> None:

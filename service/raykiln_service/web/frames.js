@@ -34,8 +34,6 @@ export class Frames {
     this.#job = job;
     this.element.hidden = !job.frames;
     if (!job.frames) return;
-    const { count, succeeded, failed } = job.frames;
-    setText(this.#count, `${succeeded} of ${count} done${failed ? `, ${failed} failed` : ""}`);
     this.#read();
   }
 
@@ -61,6 +59,8 @@ export class Frames {
       return;
     }
     for (const frame of frames) this.#show(frame);
+    const having = (state) => frames.filter((frame) => frame.state === state).length;
+    setText(this.#count, `${having("succeeded")} of ${frames.length} done${having("failed") ? `, ${having("failed")} failed` : ""}`);
     // Until someone chooses, a job that has ended shows its first picture.
     const first = frames.find(({ outputs }) => outputs.length > 0);
     if (this.#chosen === null && first && FINAL_STATES.has(this.#job.state)) this.#choose(first.number);
