@@ -27,7 +27,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the sandbox nee
 
 _NOBODY = 65534
 _INSIDE = """
-import ctypes, os, resource, socket, subprocess, threading
+import ctypes, encodings.idna, os, resource, socket, subprocess, threading
 from pathlib import Path
 from raykiln_service.executors.childside import Channel
 from raykiln_service.sandbox import Confinement, confine, kernel, seccomp
