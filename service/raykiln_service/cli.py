@@ -14,6 +14,7 @@ import typer
 from raykiln_service.commands import (
     batch,
     compare,
+    downloads,
     gc,
     queue,
     remote,
@@ -43,7 +44,7 @@ app.command()(remote.submit)
 app.command("list")(remote.list_jobs)
 app.command()(remote.status)
 app.command()(watch.watch)
-app.command()(remote.download)
+app.command()(downloads.download)
 app.command()(remote.cancel)
 app.command()(queue.queue)
 app.command()(gc.gc)

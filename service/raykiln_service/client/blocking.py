@@ -18,6 +18,7 @@ from raykiln_service.client.models import (
     Asset,
     Event,
     EventDecoder,
+    Frame,
     Job,
     JobPage,
     ServerError,
@@ -172,6 +173,7 @@ class Client(ClientBase):
         scene: Mapping[str, Any],
         settings: Mapping[str, Any] | None = None,
         *,
+        frames: Mapping[str, Any] | None = None,
         outputs: list[str] | None = None,
         priority: int = 0,
         labels: Mapping[str, str] | None = None,
@@ -187,6 +189,12 @@ class Client(ClientBase):
             ``{"name": …}``, ``{"asset": id, "entry": …}`` or ``{"inline": {…}}``.
         settings
             `RenderSettings` fields.
+        frames
+            Many pictures: ``{"turntable": {"count": 36}}``, ``{"cameras": "all"}`` or
+            ``{"time": {…}}``; None = one.
+        outputs
+            ``exr``, ``png``, and of frames ``contact_sheet``, ``webp``, ``mp4``; None = what the
+            service makes by itself.
         idempotency_key
             Two submissions with one key give one job; None = a fresh key.
         cache
@@ -197,6 +205,7 @@ class Client(ClientBase):
         call = calls.submit_call(
             scene,
             settings or {},
+            frames=frames,
             outputs=outputs,
             priority=priority,
             labels=labels,
@@ -220,6 +229,17 @@ class Client(ClientBase):
     ) -> JobPage:
         """One page of jobs, newest first."""
         return calls.page_of(self._send(calls.jobs_call(state, labels, limit, cursor)))
+
+    def frames(self, job_id: str, *, state: str | None = None) -> list[Frame]:
+        """The frames of a job by number, or those in one state; none for a job of one image."""
+        found: list[Frame] = []
+        cursor: str | None = None
+        while True:
+            page = self._send(calls.frames_call(job_id, state, cursor))
+            found += [Frame.model_validate(item) for item in page["items"]]
+            cursor = page["next_cursor"]
+            if cursor is None:
+                return found
 
     def cancel(self, job_id: str) -> Job:
         """Cancel a job; what is rendered so far is kept."""
@@ -294,14 +314,21 @@ class Client(ClientBase):
         name: str,
         path: str | Path,
         *,
+        frame: int | None = None,
         exposure: float | None = None,
         view: str | None = None,
     ) -> Path:
         """Download an output (`image.exr`, `image.png`, `stats.json`, …); the file appears whole.
 
-        A broken download goes on where it broke.
+        `frame` is the number of a frame of the job. A broken download goes on where it broke.
         """
-        call = calls.output_call(job_id, name, exposure, view)
+        return self._fetch(calls.output_call(job_id, name, exposure, view, frame), path)
+
+    def download_archive(self, job_id: str, path: str | Path) -> Path:
+        """Download all outputs as one zip; frames are in it as `image.0001.exr` and so on."""
+        return self._fetch(calls.archive_call(job_id), path)
+
+    def _fetch(self, call: Call, path: str | Path) -> Path:
         with Download(Path(path)) as download:
             tried = 0
             while True:

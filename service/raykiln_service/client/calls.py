@@ -77,6 +77,7 @@ def submit_call(
     scene: Mapping[str, Any],
     settings: Mapping[str, Any],
     *,
+    frames: Mapping[str, Any] | None = None,
     outputs: list[str] | None,
     priority: int,
     labels: Mapping[str, str] | None,
@@ -86,6 +87,8 @@ def submit_call(
 ) -> Call:
     """Submit a job; without a key of the caller's, a fresh one makes the call repeatable."""
     body: dict[str, Any] = {"scene": dict(scene), "settings": dict(settings)}
+    if frames is not None:
+        body["frames"] = dict(frames)
     if outputs is not None:
         body["outputs"] = outputs
     if priority:
@@ -138,11 +141,26 @@ def delete_call(job_id: str) -> Call:
     return Call("DELETE", _job_path(job_id), repeatable=False)
 
 
-def output_call(job_id: str, name: str, exposure: float | None, view: str | None) -> Call:
-    """One output file."""
+def frames_call(job_id: str, state: str | None, cursor: str | None) -> Call:
+    """One page of the frames of a job."""
+    given = {"state": state, "limit": 1000, "cursor": cursor}
+    params = {name: value for name, value in given.items() if value is not None}
+    return Call("GET", _job_path(job_id) + "/frames", params=params)
+
+
+def output_call(
+    job_id: str, name: str, exposure: float | None, view: str | None, frame: int | None = None
+) -> Call:
+    """One output file, of the job or of a frame of it."""
     given = {"exposure": exposure, "view": view}
     params = {key: value for key, value in given.items() if value is not None}
-    return Call("GET", f"{_job_path(job_id)}/outputs/{quote(name, safe='')}", params=params)
+    place = "outputs" if frame is None else f"frames/{frame}"
+    return Call("GET", f"{_job_path(job_id)}/{place}/{quote(name, safe='')}", params=params)
+
+
+def archive_call(job_id: str) -> Call:
+    """All outputs as one zip."""
+    return Call("GET", _job_path(job_id) + "/outputs.zip")
 
 
 def preview_call(job_id: str) -> Call:

@@ -80,13 +80,17 @@ class JobProgress(Model):
     """How far a job has come."""
 
     phase: str = ""
-    """waiting, load, render, encode or done."""
+    """waiting, load, render, encode, gather or done."""
     fraction: float = 0.0
     """0 to 1."""
     spp_done: int | None = None
     spp: int | None = None
     elapsed_s: float | None = None
     eta_s: float | None = None
+    frame: int | None = None
+    """Number of the frame that is rendered, of a job of frames."""
+    frames: int | None = None
+    frames_done: int | None = None
 
 
 class Output(Model):
@@ -96,6 +100,42 @@ class Output(Model):
     media_type: str
     size_bytes: int
     sha256: str
+
+
+class Frame(Model):
+    """One of the pictures of a job of frames."""
+
+    number: int
+    """From 1."""
+    name: str
+    """As in file names: 0001."""
+    state: str
+    """queued, running, succeeded, failed or cancelled."""
+    settings: dict[str, Any] = Field(default_factory=dict)
+    """What differs from the job's settings."""
+    camera: dict[str, Any] | None = None
+    """The camera in the native format, if it is not one of the scene's."""
+    time_s: float | None = None
+    failures: int = 0
+    error: dict[str, Any] | None = None
+    complete: bool | None = None
+    outputs: list[Output] = Field(default_factory=list)
+    stats: dict[str, Any] | None = None
+
+    def file_name(self, name: str) -> str:
+        """The name of an output in a sequence: image.exr gives image.0001.exr."""
+        stem, _, suffix = name.rpartition(".")
+        return f"{stem}.{self.name}.{suffix}"
+
+
+class FrameCounts(Model):
+    """How many frames of a job stand how."""
+
+    count: int
+    queued: int = 0
+    succeeded: int = 0
+    failed: int = 0
+    cancelled: int = 0
 
 
 class Job(Model):
@@ -113,6 +153,8 @@ class Job(Model):
     """Whether an earlier job's result is the answer."""
     settings: dict[str, Any] = Field(default_factory=dict)
     """As given."""
+    frames: FrameCounts | None = None
+    """None for a job of one image."""
     attempts: int = 0
     labels: dict[str, str] = Field(default_factory=dict)
     created_at: datetime | None = None

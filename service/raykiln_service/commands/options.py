@@ -211,26 +211,37 @@ def accepted_values(field: str) -> str | None:
 
 def with_render_options(command: Callable[..., None]) -> Callable[..., None]:
     """Give a command one option for each field of `RenderOptions`, passed as `options`."""
-    hints = get_type_hints(RenderOptions, include_extras=True)
-    own = inspect.signature(command, eval_str=True)
-    shared = [
-        inspect.Parameter(
-            f.name, inspect.Parameter.KEYWORD_ONLY, default=f.default, annotation=hints[f.name]
-        )
-        for f in fields(RenderOptions)
-    ]
+    return with_options(RenderOptions, "options")(command)
 
-    @functools.wraps(command)
-    def wrapper(**arguments: Any) -> None:
-        given = {f.name: arguments.pop(f.name) for f in fields(RenderOptions)}
-        command(**arguments, options=RenderOptions(**given))
 
-    kept = [
-        p.replace(kind=inspect.Parameter.KEYWORD_ONLY)
-        for name, p in own.parameters.items()
-        if name != "options"
-    ]
-    parameters = [*kept, *shared]
-    wrapper.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    wrapper.__annotations__ = {p.name: p.annotation for p in parameters}
-    return wrapper
+def with_options(
+    kind: type[Any], name: str
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command one option for each field of a dataclass, passed as `name`."""
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        hints = get_type_hints(kind, include_extras=True)
+        own = inspect.signature(command, eval_str=True)
+        shared = [
+            inspect.Parameter(
+                f.name, inspect.Parameter.KEYWORD_ONLY, default=f.default, annotation=hints[f.name]
+            )
+            for f in fields(kind)
+        ]
+
+        @functools.wraps(command)
+        def wrapper(**arguments: Any) -> None:
+            given = {f.name: arguments.pop(f.name) for f in fields(kind)}
+            command(**arguments, **{name: kind(**given)})
+
+        kept = [
+            p.replace(kind=inspect.Parameter.KEYWORD_ONLY)
+            for parameter, p in own.parameters.items()
+            if parameter != name
+        ]
+        parameters = [*kept, *shared]
+        wrapper.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        wrapper.__annotations__ = {p.name: p.annotation for p in parameters}
+        return wrapper
+
+    return decorate

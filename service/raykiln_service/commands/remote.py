@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,7 +15,9 @@ from raykiln_service.commands.console import (
     print_warnings,
     usage_error,
 )
-from raykiln_service.commands.options import RenderOptions, with_render_options
+from raykiln_service.commands.downloads import Target, download_all, download_targets
+from raykiln_service.commands.frames import FrameOptions
+from raykiln_service.commands.options import RenderOptions, with_options, with_render_options
 from raykiln_service.commands.render import (
     ExposureOption,
     QuietOption,
@@ -41,9 +41,15 @@ if TYPE_CHECKING:
 LabelOption = Annotated[
     list[str] | None, typer.Option("--label", help="Label; may repeat.", metavar="KEY=VALUE")
 ]
-_OUTPUT_OF = {".exr": "image.exr", ".png": "image.png", ".json": "stats.json"}
+AnimationOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--animation", help="Make an animation of the frames, too; may repeat.", metavar="webp|mp4"
+    ),
+]
 
 
+@with_options(FrameOptions, "frames")
 @with_render_options
 def submit(
     *,
@@ -71,11 +77,15 @@ def submit(
     no_cache: Annotated[
         bool, typer.Option("--no-cache", help="Render even if an identical job's result is there.")
     ] = False,
+    animation: AnimationOption = None,
     as_json: JsonOption = False,
     quiet: QuietOption = False,
+    frames: FrameOptions,
     options: RenderOptions,
 ) -> None:
     """Submit a scene to a service; prints the job's id.
+
+    Of many pictures each file gets its number in place of ####, or before its extension.
 
     Files that the scene reads are uploaded with it. Ctrl-C while waiting asks whether to cancel
     the job or leave it running.
@@ -85,13 +95,23 @@ def submit(
     check_view(view, exposure)
     settings = options.settings().model_dump(mode="json", exclude_unset=True)
     labels = parse_labels(label)
+    request = frames.request()
+    outputs = outputs_of(animation, request)
     targets = download_targets(output or [])
     if stats is not None:
         check_writable(stats, "--stats")
         targets.append(Target(stats, "stats.json"))
     with Client(server) as client:
         spec = _upload(client, scene, base_dir)
-        job = client.submit(spec, settings, priority=priority, labels=labels, cache=not no_cache)
+        job = client.submit(
+            spec,
+            settings,
+            frames=request,
+            outputs=outputs,
+            priority=priority,
+            labels=labels,
+            cache=not no_cache,
+        )
         if not quiet:
             print_warnings(job.warnings)
         waiting = wait or bool(targets)
@@ -146,56 +166,16 @@ def parse_labels(texts: list[str] | None) -> dict[str, str]:
     return labels
 
 
-@dataclass(frozen=True)
-class Target:
-    """Where to download to: one output to a file, or several to a folder."""
-
-    path: Path
-    name: str | None
-    """The output; None = those of the job, to the folder `path`."""
-
-
-def download_targets(paths: list[Path], names: list[str] | None = None) -> list[Target]:
-    """What goes where; raises now for what could not be written later."""
-    for name in names or []:
-        if Path(name).name != name:
-            raise usage_error("NAME", "not the name of an output", found=name)
-    targets: list[Target] = []
-    for path in paths:
-        if path.is_dir():
-            targets += [Target(path / n, n) for n in names] if names else [Target(path, None)]
-        elif names and len(names) == 1:
-            targets.append(Target(path, names[0]))
-        elif path.suffix.lower() in _OUTPUT_OF:
-            targets.append(Target(path, _OUTPUT_OF[path.suffix.lower()]))
-        else:
-            accepted = "an existing folder, or a file ending in .exr, .png or .json"
-            raise usage_error("-o", "not a place to download to", found=path, accepted=accepted)
-    for target in targets:
-        check_writable(target.path if target.name else target.path / "x", "-o")
-    return targets
-
-
-def download_all(
-    client: Client, job: Job, targets: list[Target], *, exposure: float, view: str
-) -> Iterator[Path]:
-    """Download a job's outputs, one file at a time; gives the paths."""
-    for target in targets:
-        if target.name is not None:
-            yield _fetch(client, job, target.name, target.path, exposure, view)
-            continue
-        if not job.outputs:
-            raise CommandError(f"job {job.id} has no outputs (found state {job.state})")
-        for output in job.outputs:
-            name = Path(output.name).name
-            yield _fetch(client, job, name, target.path / name, exposure, view)
-
-
-def _fetch(client: Client, job: Job, name: str, path: Path, exposure: float, view: str) -> Path:
-    # The PNG image is made for another view only when one is asked for.
-    if name == "image.png" and (exposure, view) != (0.0, "srgb"):
-        return client.download(job.id, name, path, exposure=exposure, view=view)
-    return client.download(job.id, name, path)
+def outputs_of(animations: list[str] | None, frames: dict[str, Any] | None) -> list[str] | None:
+    """The outputs to ask for; None = what the service makes by itself."""
+    if not animations:
+        return None
+    for name in animations:
+        if name not in ("webp", "mp4"):
+            raise usage_error("--animation", "no such kind", found=name, accepted="webp, mp4")
+    if frames is None:
+        raise usage_error("--animation", "goes with many pictures only", accepted="--turntable N")
+    return ["exr", "png", "contact_sheet", *dict.fromkeys(animations)]
 
 
 def status(job: JobArgument, server: ServerOption = None, as_json: JsonOption = False) -> None:
@@ -259,6 +239,9 @@ def _line(job: Job) -> str:
         text += f"  position {job.queue_position}"
     elif job.state == "running":
         text += f"  {job.progress.fraction:4.0%}"
+    if job.frames is not None:
+        text += f"  {job.frames.succeeded}/{job.frames.count} frames"
+        text += f", {job.frames.failed} failed" if job.frames.failed else ""
     labels = ", ".join(f"{key}={value}" for key, value in job.labels.items())
     return f"{text}  {labels}".rstrip()
 
@@ -273,42 +256,3 @@ def cancel(job: JobArgument, server: ServerOption = None, as_json: JsonOption = 
         print_json(found.model_dump(mode="json"))
     else:
         print(_line(found))
-
-
-def download(
-    job: JobArgument,
-    names: Annotated[
-        list[str] | None,
-        typer.Argument(
-            help="Outputs to get, such as image.exr, image.png, stats.json, log.txt.",
-            metavar="[NAME]...",
-        ),
-    ] = None,
-    server: ServerOption = None,
-    output: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--output",
-            "-o",
-            help="File (.exr, .png, .json) or folder; may repeat [default: this folder]",
-            metavar="OUT",
-        ),
-    ] = None,
-    exposure: ExposureOption = 0.0,
-    view: ViewOption = "srgb",
-    as_json: JsonOption = False,
-) -> None:
-    """Download the outputs of a job."""
-    from raykiln_service.client import Client
-
-    check_view(view, exposure)
-    targets = download_targets(output or [Path()], names)
-    with Client(server) as client:
-        found = client.job(job)
-        paths = []
-        for path in download_all(client, found, targets, exposure=exposure, view=view):
-            paths.append(str(path))
-            if not as_json:
-                print(path)
-    if as_json:
-        print_json(paths)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, cast
 
@@ -18,8 +19,14 @@ from raykiln_service.commands.console import (
     print_warnings,
     usage_error,
 )
-from raykiln_service.commands.options import RenderOptions, settings_of, with_render_options
-from raykiln_service.commands.progress import graceful_stop, reporter
+from raykiln_service.commands.frames import FrameOptions, Picture, numbered, pictures
+from raykiln_service.commands.options import (
+    RenderOptions,
+    settings_of,
+    with_options,
+    with_render_options,
+)
+from raykiln_service.commands.progress import Stop, graceful_stop, reporter
 from raykiln_service.commands.scenes import BaseDirOption, SceneArgument, load, naming, stem_of
 from raykiln_service.files import write_json
 
@@ -57,6 +64,7 @@ StatsOption = Annotated[
 QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 
 
+@with_options(FrameOptions, "frames")
 @with_render_options
 def render(
     *,
@@ -78,49 +86,121 @@ def render(
     quiet: QuietOption = False,
     settings_json: Annotated[str | None, typer.Option("--settings-json", hidden=True)] = None,
     progress_json: Annotated[bool, typer.Option("--progress-json", hidden=True)] = False,
+    frames: FrameOptions,
     options: RenderOptions,
 ) -> None:
     """Render a scene to EXR and PNG files.
 
+    Of many pictures each file gets its number in place of ####, or before its extension.
+
     Ctrl-C stops at once, writes the image so far (marked as partial) and the checkpoint, and exits
     with code 130.
     """
-    import raykiln
-
     targets = output_paths(output, stem_of(scene))
     check_outputs(targets, stats, checkpoint, resume)
     check_view(view, exposure)
     check_interval(checkpoint_interval)
     settings = _settings(options, settings_json)
+    request = frames.request()
+    if request is not None and checkpoint is not None:
+        raise usage_error("--checkpoint", "goes with one image only")
     loaded = load(scene, base_dir)
-    to_say = [] if quiet else list(loaded.warnings)
-    with graceful_stop() as stop, reporter(scene, quiet=quiet, as_json=progress_json) as shown:
-
-        def on_progress(progress: raykiln.Progress) -> bool:
-            # Not before the scene is built: an error is told without them.
-            print_warnings(to_say)
-            to_say.clear()
-            shown.update(progress)
-            return not stop.requested
-
-        with naming(scene):
-            result = raykiln.render(
-                loaded,
-                settings,
-                on_progress,
-                checkpoint=checkpoint,
-                resume=resume,
-                checkpoint_interval_s=checkpoint_interval,
+    job = _Job(
+        scene,
+        _Files(targets, stats, exposure, view, half),
+        _Keeping(checkpoint, resume, checkpoint_interval),
+        quiet=quiet,
+        progress_json=progress_json,
+        to_say=[] if quiet else list(loaded.warnings),
+    )
+    with naming(scene), graceful_stop() as stop:
+        if request is None:
+            job.render(Picture(None, loaded, settings), scene, stop)
+        else:
+            count, wanted = pictures(
+                request, loaded, settings, lambda time_s: load(scene, base_dir, time_s=time_s)
             )
-        if not quiet:
-            print_warnings([text for text in result.warnings if text not in loaded.warnings])
-        _write(result, targets, stats, exposure=exposure, view=view, half=half)
-    if not quiet:
-        _summarise(result, [*targets, *([stats] if stats else [])])
+            for i, picture in enumerate(wanted):
+                job.render(picture, f"{scene} {i + 1}/{count}", stop)
+                if stop.requested:
+                    break
     if stop.requested:
         if not quiet and checkpoint is not None:
             print_note(f"interrupted: go on with --checkpoint {checkpoint} --resume")
         raise typer.Exit(ExitCode.INTERRUPTED)
+
+
+@dataclass(frozen=True)
+class _Files:
+    """What to write of an image, and how."""
+
+    targets: list[Path]
+    stats: Path | None
+    exposure: float
+    view: str
+    half: bool
+
+
+@dataclass(frozen=True)
+class _Keeping:
+    """How the state of a render is kept."""
+
+    checkpoint: Path | None
+    resume: bool
+    interval_s: float
+
+
+@dataclass
+class _Job:
+    """The renders of one command."""
+
+    scene: str
+    files: _Files
+    keeping: _Keeping
+    quiet: bool
+    progress_json: bool
+    to_say: list[str]
+    said: set[str] = field(default_factory=set)
+
+    def render(self, picture: Picture, label: str, stop: Stop) -> None:
+        """Render one picture and write it."""
+        import raykiln
+
+        with reporter(label, quiet=self.quiet, as_json=self.progress_json) as shown:
+
+            def on_progress(progress: raykiln.Progress) -> bool:
+                # Not before the scene is built: an error is told without them.
+                self._warn(self.to_say)
+                shown.update(progress)
+                return not stop.requested
+
+            result = raykiln.render(
+                picture.scene,
+                picture.settings,
+                on_progress,
+                checkpoint=self.keeping.checkpoint,
+                resume=self.keeping.resume,
+                checkpoint_interval_s=self.keeping.interval_s,
+            )
+            if not self.quiet:
+                self._warn(result.warnings)
+            files = self.files
+            targets = [numbered(path, picture.name) for path in files.targets]
+            stats = None if files.stats is None else numbered(files.stats, picture.name)
+            _write(
+                result,
+                targets,
+                stats,
+                exposure=files.exposure,
+                view=files.view,
+                half=files.half,
+            )
+        if not self.quiet:
+            _summarise(result, [*targets, *([stats] if stats else [])])
+
+    def _warn(self, warnings: list[str]) -> None:
+        print_warnings([text for text in warnings if text not in self.said])
+        self.said.update(warnings)
 
 
 def output_paths(given: list[Path] | None, stem: str) -> list[Path]:

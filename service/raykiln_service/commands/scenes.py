@@ -56,14 +56,17 @@ def resolve_scene(text: str) -> Path:
     raise CommandError(message)
 
 
-def load(text: str, base_dir: Path | None = None) -> Scene:
-    """The scene that `text` names; raises `SceneError` or `CommandError`."""
+def load(text: str, base_dir: Path | None = None, *, time_s: float | None = None) -> Scene:
+    """The scene that `text` names; raises `SceneError` or `CommandError`.
+
+    `time_s` is the moment of its animation, None = at rest.
+    """
     import raykiln
 
     if base_dir is not None and not base_dir.is_dir():
         raise CommandError(f"--base-dir: no such folder (found {base_dir})")
     path = resolve_scene(text)
-    return raykiln.load_scene(path, base_dir=base_dir)
+    return raykiln.load_scene(path, base_dir=base_dir, time_s=time_s)
 
 
 @contextmanager

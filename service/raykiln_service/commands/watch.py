@@ -70,6 +70,7 @@ class WatchReporter:
         self._json = as_json
         self._quiet = quiet
         self._spp = -1
+        self._frame: int | None = None
         self._state = ""
         self._bar = progress_bar() if sys.stderr.isatty() and not (as_json or quiet) else None
         self._task: Any = None
@@ -108,7 +109,11 @@ class WatchReporter:
 
     def _show_progress(self, data: dict[str, Any]) -> None:
         fraction, spp = float(data.get("fraction") or 0.0), int(data.get("spp_done") or 0)
+        if data.get("frame") != self._frame:
+            self._frame, self._spp = data.get("frame"), -1
         info = f"{data.get('phase', '')} {spp}/{data.get('spp') or '?'} spp"
+        if data.get("frames"):
+            info = f"frame {data.get('frame')}/{data['frames']}, {info}"
         if data.get("eta_s") is not None:
             info += f", ETA {duration(data['eta_s'])}"
         if self._bar is not None:
