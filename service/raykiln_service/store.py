@@ -188,7 +188,7 @@ class Store(LeaseStore, QueueStore, RetentionStore):
                 asset_id=spec.scene.get("asset"),
                 created_ms=now,
                 updated_ms=now,
-                not_before_ms=now,
+                not_before_ms=0,
                 max_attempts=max_attempts,
                 limit_ms=traits.limit_ms,
                 scene_key=traits.scene_key,
