@@ -210,6 +210,10 @@ class Starter:
         self._started.append(server)
         return server
 
+    def latest(self) -> Server:
+        """The service that was started last."""
+        return self._started[-1]
+
     def close(self) -> None:
         """End all that still run."""
         for server in self._started:
