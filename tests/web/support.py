@@ -19,8 +19,8 @@ BALL: dict[str, Any] = {
     "version": 1,
     "name": "ball",
     "cameras": [
-        {"name": "front", "look_at": {"origin": [0, 1, 4], "target": [0, 0.5, 0]}, "type": "perspective"},
-        {"name": "side", "look_at": {"origin": [4, 1, 0], "target": [0, 0.5, 0]}, "type": "perspective"},
+        {"type": "perspective", "name": name, "look_at": {"origin": origin, "target": [0, 0.5, 0]}}
+        for name, origin in (("front", [0, 1, 4]), ("side", [4, 1, 0]))
     ],
     "materials": {"red": {"type": "diffuse", "reflectance": [0.7, 0.2, 0.1]}},
     "shapes": [
@@ -28,7 +28,7 @@ BALL: dict[str, Any] = {
         {"type": "sphere", "center": [2, 3, 2], "radius": 0.4, "emission": {"radiance": 12}},
     ],
     "lights": [{"type": "constant", "radiance": 0.2}],
-}  # fmt: skip
+}
 FOREVER = {"width": 128, "height": 96, "spp": 1 << 20}
 QUICK = {"width": 32, "height": 24, "spp": 1}
 ENDED = ("succeeded", "failed", "cancelled")

@@ -164,7 +164,7 @@ def test_timing_facts_and_downloads(tab: Any, service: Service) -> None:
             ],
             strict=True,
         )
-    )  # noqa: E501
+    )
     assert {"Queue", "Load", "BVH", "Render", "Denoise", "Encode"} <= set(rows)
     bars = page.locator(".bars rect")
     widths = [float(bars.nth(i).get_attribute("width")) for i in range(bars.count())]

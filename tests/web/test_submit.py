@@ -49,6 +49,8 @@ def test_a_bundled_scene_with_all_settings(tab: Any, service: Service) -> None:
     page.click("summary:has-text('More settings')")
     page.fill("[name=seed]", "7")
     page.fill("[name=crop]", "4, 4, 28, 20")
+    page.fill("[name=timeout_s]", "99")
+    page.fill("[name=memory_bytes]", "1.5")
     page.uncheck("[name=outputs][value=png]")
     job = submitted(page, service)
     assert job["scene"] == {"name": "cornell_box"}
@@ -58,6 +60,7 @@ def test_a_bundled_scene_with_all_settings(tab: Any, service: Service) -> None:
     assert job["labels"] == {"shot": "010"}
     assert job["priority"] == 5
     assert job["outputs_wanted"] == ["exr"]
+    assert (job["timeout_s"], job["memory_bytes"]) == (99, 1_500_000_000)
 
 
 def test_what_is_left_out_is_left_to_the_scene(tab: Any, service: Service) -> None:
@@ -220,3 +223,20 @@ def test_many_pictures_of_one_scene(tab: Any, service: Service, tmp_path: Path) 
     page.check("[name=frame][value='3']", force=True)
     page.wait_for_selector(".file:has-text('0003 image.exr')")
     until(lambda: page.locator(".stage canvas >> nth=0").get_attribute("width") == "32")
+
+
+def test_what_is_in_the_cache_can_be_rendered_anew(tab: Any, service: Service) -> None:
+    body = {"scene": {"name": "cornell_box"}, "settings": {**QUICK, "seed": 77}}
+    service.finished(**body, outputs=["exr", "png"])
+    page = tab(f"{service.url}/#/new?scene=cornell_box")
+    for anew in (False, True):
+        page.goto(f"{service.url}/#/new?scene=cornell_box&again={anew}")
+        page.wait_for_selector("[name=scene]:checked", state="attached")
+        fill_quick(page)
+        page.click("summary:has-text('More settings')")
+        page.fill("[name=seed]", "77")
+        page.set_checked("[name=anew]", anew)
+        page.click(RENDER)
+        page.wait_for_selector(".badge.succeeded")
+        assert service.jobs()[0]["cached"] is not anew
+        assert ("from the cache" in page.inner_text(".how .note")) is not anew

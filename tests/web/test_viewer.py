@@ -148,7 +148,7 @@ def test_a_crop_tells_its_place_in_the_whole(tab: Any, service: Service) -> None
 def test_zoom_and_pan(tab: Any, module_service: Service, layered: dict[str, Any]) -> None:
     page = opened(tab, module_service, layered)
     zoom = page.locator(".zoom output")
-    fitted = until(lambda: zoom.inner_text())
+    fitted = until(zoom.inner_text)
     page.click("text=1:1")
     assert zoom.inner_text() == "100 %"
     sheet = page.locator(".sheet")

@@ -10,6 +10,13 @@ function element(name, text, className) {
   return made;
 }
 
+/** A text with its `names` set as code. */
+function prose(text = "") {
+  const paragraph = element("p");
+  paragraph.append(...text.split("`").map((part, index) => (index % 2 ? element("code", part) : part)));
+  return paragraph;
+}
+
 function parameters(operation) {
   const rows = (operation.parameters ?? []).map((one) => {
     const item = element("li");
@@ -31,7 +38,7 @@ const calls = document.querySelector("#calls");
 for (const [path, methods] of Object.entries(api.paths)) {
   for (const [method, operation] of Object.entries(methods)) {
     const section = element("section", "", "call");
-    section.append(element("h3", `${method.toUpperCase()} ${path}`), element("p", operation.description), ...parameters(operation));
+    section.append(element("h3", `${method.toUpperCase()} ${path}`), prose(operation.description), ...parameters(operation));
     for (const [type, { schema }] of Object.entries(operation.requestBody?.content ?? {})) section.append(schemaBox(`Body: ${type}`, schema));
     for (const [status, reply] of Object.entries(operation.responses)) section.append(schemaBox(`${status}: ${reply.description}`, reply.content ?? {}));
     calls.append(section);

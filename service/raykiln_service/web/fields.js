@@ -59,6 +59,18 @@ export class NumberField extends Field {
   }
 }
 
+/** Bytes, entered as gigabytes. */
+export class GigabytesField extends NumberField {
+  value() {
+    const value = super.value();
+    return value === undefined ? undefined : Math.round(value * 1e9);
+  }
+
+  set(value) {
+    super.set(value ? value / 1e9 : "");
+  }
+}
+
 export class ChoiceField extends Field {
   constructor(name, label, schema, options = {}) {
     super(name, label, h("select", { name }, h("option", { value: "" }), schema.enum.map((value) => h("option", { value }, value))), options);

@@ -177,7 +177,9 @@ class Card {
     setText(this.#summary, [summary(job), ...Object.entries(job.labels).map(([name, value]) => `${name}: ${value}`)].filter(Boolean).join(" · "));
     this.#showProgress();
     this.showTime();
-    if (job.links.preview) this.#thumbnail.want(job.links.preview, FINAL_STATES.has(job.state) ? job.finished_at : "live");
+    const sheet = job.outputs.find(({ name }) => name === "contact_sheet.png");
+    const picture = sheet?.href ?? job.links.preview;
+    if (picture) this.#thumbnail.want(picture, FINAL_STATES.has(job.state) ? job.finished_at : "live");
   }
 
   progress({ kind, job, ...progress }) {

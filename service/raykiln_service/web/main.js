@@ -22,7 +22,7 @@ function pageOf(hash) {
   const query = new URLSearchParams(search);
   const [, kind, id] = path.split("/");
   if (kind === "jobs" && id) return new JobPage(decoded(id), feed);
-  if (kind === "new") return new SubmitPage(query);
+  if (kind === "new") return new SubmitPage(query, feed);
   return new ListPage(query, feed);
 }
 

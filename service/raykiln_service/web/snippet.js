@@ -8,6 +8,7 @@ export function bodyOf(job) {
   const scene = job.scene.inline ? { inline: {} } : job.scene;
   const body = { scene, settings: job.settings, outputs: job.outputs_wanted };
   if (job.frames) body.frames = job.frames.wanted;
+  for (const name of ["timeout_s", "memory_bytes"]) if (job[name]) body[name] = job[name];
   if (job.priority) body.priority = job.priority;
   if (Object.keys(job.labels).length) body.labels = job.labels;
   return body;

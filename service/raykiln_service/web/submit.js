@@ -2,7 +2,7 @@
 
 import { Problem, complaintOf, freshKey, getJson, postJson } from "./api.js";
 import { h, setText } from "./dom.js";
-import { ChoiceField, CropField, LabelsField, ManyField, NumberField, SwitchField, TextField } from "./fields.js";
+import { ChoiceField, CropField, GigabytesField, LabelsField, ManyField, NumberField, SwitchField, TextField } from "./fields.js";
 import { FramesField } from "./frames-field.js";
 import { ScenePicker } from "./picker.js";
 
@@ -17,16 +17,24 @@ export class SubmitPage {
   #body = h("div.groups");
   #form = h("form", { novalidate: true, "aria-label": "New render", onsubmit: (event) => this.#submit(event) },
     this.#picker.element, this.#body, h("div.send", {}, this.#trouble, this.#button));
-  element = h("div.submit", {}, h("h1", { tabindex: -1 }, "New render"), this.#form);
+  #waiting = h("p.hint", { role: "status" }, "Loading the scenes…");
+  element = h("div.submit", {}, h("h1", { tabindex: -1 }, "New render"), this.#waiting, this.#form);
   // The same for the same body, so that a reply that got lost makes no second job.
   #sent = { body: null, key: null };
   #stop = new AbortController();
+  #failed = false;
 
-  constructor(query) {
-    this.ready = this.#load(query).catch((error) => setText(this.#trouble, complaintOf(error)));
+  constructor(query, feed) {
+    this.#form.hidden = true;
+    this.ready = this.#load(query);
+    // What could not be had while the service was away is asked for again.
+    this.end = feed.listen(({ kind }) => {
+      if (kind === "fresh" && this.#failed) this.ready = this.#load(query);
+    });
   }
 
   close() {
+    this.end();
     this.#stop.abort();
   }
 
@@ -35,8 +43,20 @@ export class SubmitPage {
   }
 
   async #load(query) {
-    const [schema] = await Promise.all([getJson("/v1/settings/schema"), this.#picker.load()]);
-    this.#build(schema.properties);
+    this.#failed = false;
+    try {
+      const [schema] = await Promise.all([getJson("/v1/settings/schema"), this.#picker.load()]);
+      this.#build(schema.properties);
+      this.#waiting.hidden = true;
+      this.#form.hidden = false;
+    } catch (error) {
+      this.#failed = true;
+      return setText(this.#waiting, complaintOf(error));
+    }
+    await this.#begin(query).catch((error) => setText(this.#trouble, complaintOf(error)));
+  }
+
+  async #begin(query) {
     const from = query.get("from");
     if (from) await this.#startFrom(await getJson(`/v1/jobs/${encodeURIComponent(from)}`));
     else if (query.get("scene")) this.#picker.choose(query.get("scene"));
@@ -65,7 +85,10 @@ export class SubmitPage {
           choice("sampler", "Sampler"), choice("filter", "Filter"),
           number("noise_threshold", "Stop at noise", { none: "never" }), number("time_budget_s", "Stop after seconds", { none: "never" }),
           number("threads", "Threads"),
-          this.#setting(new CropField("crop", "Crop", { none: "left, top, right, bottom" })))));
+          this.#add(new NumberField("timeout_s", "Time limit in seconds", { type: "number", exclusiveMinimum: 0 }, { none: "the service's" }), "/timeout_s"),
+          this.#add(new GigabytesField("memory_bytes", "Memory limit in GB", { type: "number", exclusiveMinimum: 0 }, { none: "the service's" }), "/memory_bytes"),
+          this.#setting(new CropField("crop", "Crop", { none: "left, top, right, bottom" })),
+          this.#add(new SwitchField("anew", "Render anew, whatever the cache has"), "/cache"))));
     this.#field("outputs").set(["png"]);
     this.#offerFiles("");
   }
@@ -107,6 +130,7 @@ export class SubmitPage {
     this.#field("outputs").set(job.outputs_wanted);
     this.#field("priority").set(job.priority || "");
     this.#field("labels").set(job.labels);
+    for (const name of ["timeout_s", "memory_bytes"]) this.#field(name).set(job[name]);
   }
 
   async #submit(event) {
@@ -143,6 +167,7 @@ export class SubmitPage {
       const value = field.value();
       if (value === undefined) continue;
       if (field.pointer.startsWith("/settings/")) body.settings[field.name] = value;
+      else if (field.name === "anew") body.cache = false;
       else body[field.name] = value;
     }
     return body;
