@@ -99,7 +99,8 @@ PYTHON_ROOMS: dict[str, Room] = {
         {"jobs", "store", "assets", "events", "renderer", "errors", "scene", "image"},
     ),
     "app": Room(
-        {f"raykiln_service.{name}" for name in ("app", "middleware", "protocol", "service")},
+        {f"raykiln_service.{name}" for name in ("app", "middleware", "openapi")}
+        | {"raykiln_service.protocol", "raykiln_service.service"},
         {"jobs", "store", "assets", "events", "executors", "dispatcher", "routes"}
         | {"renderer", "errors"},
     ),

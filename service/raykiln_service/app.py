@@ -10,13 +10,11 @@ import threading
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from types import FrameType
-from typing import Any
 
 import raykiln as rk
 import uvicorn
 from fastapi import Depends, FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
-from fastapi.openapi.utils import get_openapi
 from raykiln.errors import pointer_of, shorten
 from sqlalchemy.exc import OperationalError, SQLAlchemyError
 from starlette.concurrency import run_in_threadpool
@@ -34,6 +32,7 @@ from raykiln_service.errors import (
     error_of_status,
 )
 from raykiln_service.middleware import Guard, problem_reply
+from raykiln_service.openapi import describe, operation_id
 from raykiln_service.protocol import connections_allowed, patient_protocol
 from raykiln_service.routes import about, assets, events, frames, jobs, outputs, queue, uploads
 from raykiln_service.routes.access import authorize
@@ -63,6 +62,7 @@ def create_app(service: Service) -> FastAPI:
         lifespan=lifespan,
         docs_url=None,
         redoc_url=None,
+        generate_unique_id_function=operation_id,
     )
     app.state.context = service.context
     parts = (jobs, events, frames, outputs, assets, uploads, queue, about)
@@ -72,7 +72,7 @@ def create_app(service: Service) -> FastAPI:
     app.state.routes = [route for router in routers for route in router.routes]
     _add_error_handlers(app)
     app.add_middleware(Guard, settings=service.settings, tokens=service.tokens)
-    app.openapi = lambda: _openapi(app)  # type: ignore[method-assign]
+    app.openapi = lambda: describe(app, service.settings.asks_for_token)  # type: ignore[method-assign]
     return app
 
 
@@ -187,11 +187,14 @@ def _add_error_handlers(app: FastAPI) -> None:
 
 
 def _methods_at(request: Request) -> list[str]:
-    found: set[str] = set()
-    for route in request.app.state.routes:
-        if isinstance(route, Route) and route.matches(request.scope)[0] is not Match.NONE:
-            found |= route.methods or set()
-    return sorted(found)
+    found = [
+        route
+        for route in request.app.state.routes
+        if isinstance(route, Route) and route.matches(request.scope)[0] is not Match.NONE
+    ]
+    # `/v1/assets/missing` comes before `/v1/assets/{asset_id}`, which also fits.
+    same = [route.methods or set() for route in found if route.path == found[0].path]
+    return sorted(set().union(*same))
 
 
 def _parameter_error(error: RequestValidationError) -> InvalidRequestError:
@@ -213,15 +216,3 @@ def _as_service_error(request: Request, error: Exception) -> ServiceError:
         return UnavailableError("the database does not answer", headers={"Retry-After": "5"})
     logs.get_logger().error("request broke", path=request.url.path, exc_info=error)
     return ServiceError()
-
-
-def _openapi(app: FastAPI) -> dict[str, Any]:
-    if app.openapi_schema is None:
-        document = get_openapi(
-            title=app.title, version=app.version, summary=app.summary, routes=app.routes
-        )
-        document.setdefault("components", {}).setdefault("schemas", {}).update(
-            jobs.describe_extra()
-        )
-        app.openapi_schema = document
-    return app.openapi_schema

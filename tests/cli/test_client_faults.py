@@ -265,10 +265,10 @@ def test_a_failed_download_leaves_the_old_file(call: Caller, tmp_path: Path) -> 
 
 def test_an_upload_is_sent_whole_again(call: Caller, tmp_path: Path) -> None:
     scene = tmp_path / "a.glb"
-    scene.write_bytes(bytes(range(256)) * 5000)
-    asset = {"id": "sha256:0", "size_bytes": 1_280_000, "filename": "a.glb"}
+    scene.write_bytes(bytes(range(256)) * 4000)
+    asset = {"id": "sha256:0", "size_bytes": 1_024_000, "filename": "a.glb"}
     with serving(hang_up, document(asset, 201)) as (server, seen):
-        assert call(server, "upload_asset", scene).size_bytes == 1_280_000
+        assert call(server, "upload_asset", scene).size_bytes == 1_024_000
     assert seen[1].body == scene.read_bytes()
     assert seen[1].path == "/v1/assets?filename=a.glb"
 

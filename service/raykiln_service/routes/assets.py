@@ -189,7 +189,8 @@ class _FormFile:
         name, value = self._header
         self._header = (b"", b"")
         if name.lower() == b"content-disposition" and not self._seen:
-            filename = _disposition_name(value.decode("utf-8", errors="replace"))
+            # As a header's text comes: its bytes one by one, which are the UTF-8 of the name.
+            filename = _disposition_name(value.decode("latin-1"))
             if filename is not None:
                 self.filename, self._seen, self._inside = filename, True, True
 

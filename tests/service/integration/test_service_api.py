@@ -1,0 +1,280 @@
+"""The API as it describes itself: Schemathesis reads the description and tries what it allows."""
+
+from __future__ import annotations
+
+import json
+import sqlite3
+import time
+from typing import Any
+
+import httpx
+import pytest
+
+schemathesis = pytest.importorskip("schemathesis", reason="schemathesis is not installed")
+
+from hypothesis import HealthCheck, settings  # noqa: E402
+from schemathesis.checks import CHECKS, load_all_checks  # noqa: E402
+
+TOKEN = "a token for the tests"
+# These streams do not end by themselves.
+ENDLESS = r"/events$"
+# A valid request may name a scene that does not exist, and a job that waits has no image yet.
+SEMANTIC = {"positive_data_acceptance", "ensure_resource_availability"}
+
+load_all_checks()
+
+
+@schemathesis.serializer("application/offset+octet-stream")  # type: ignore[untyped-decorator,unused-ignore]
+def _bytes(_context: Any, value: Any) -> Any:
+    return value if isinstance(value, bytes) else str(value).encode()
+
+
+@pytest.fixture(scope="module")
+def guarded(module_serve: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """A service with a token."""
+    return module_serve(data_dir=str(tmp_path_factory.mktemp("api")), token=TOKEN)
+
+
+def schema_of(server: Any) -> Any:
+    found = schemathesis.openapi.from_url(f"{server.url}/openapi.json", headers=server.headers)
+    return found.exclude(path_regex=ENDLESS)
+
+
+def run_steps(server: Any, scenarios: int, steps: int) -> None:
+    """Call after call, each with what the one before answered."""
+    not_asked = [CHECKS.get_one(name) for name in sorted(SEMANTIC)]
+    machine = schema_of(server).as_state_machine()
+
+    class Steps(machine):  # type: ignore[misc,valid-type]
+        def get_call_kwargs(self, case: Any) -> dict[str, Any]:
+            return {"headers": server.headers, "timeout": 60}
+
+        def validate_response(self, response: Any, case: Any, **_options: Any) -> None:
+            case.validate_response(
+                response,
+                excluded_checks=not_asked,
+                transport_kwargs={"headers": server.headers},
+                recorder=self.recorder,
+            )
+
+    Steps.run(
+        settings=settings(
+            max_examples=scenarios,
+            stateful_step_count=steps,
+            deadline=None,
+            derandomize=True,
+            database=None,
+            suppress_health_check=list(HealthCheck),
+        )
+    )
+
+
+def is_well(server: Any) -> None:
+    """The service still answers, and has not logged an error of its own."""
+    assert httpx.get(f"{server.url}/healthz").status_code == 200
+    assert '"level": "error"' not in server.log.read_text()
+
+
+def test_calls_in_a_row(guarded: Any) -> None:
+    run_steps(guarded, scenarios=12, steps=6)
+    is_well(guarded)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_very_many_calls_in_a_row(guarded: Any) -> None:
+    run_steps(guarded, scenarios=400, steps=12)
+    is_well(guarded)
+
+
+def test_every_operation_is_described(guarded: Any) -> None:
+    document = httpx.get(f"{guarded.url}/openapi.json").json()
+    ids = []
+    for path, operations in document["paths"].items():
+        for operation in operations.values():
+            ids.append(operation["operationId"])
+            assert operation.get("summary"), path
+            if path.startswith("/v1/"):
+                problem = operation["responses"]["4XX"]["content"]["application/problem+json"]
+                assert problem["schema"] == {"$ref": "#/components/schemas/Problem"}
+                assert operation["security"] == [{"token": []}]
+    assert len(ids) == len(set(ids))
+    for operations in document["paths"].values():
+        for operation in operations.values():
+            for response in operation["responses"].values():
+                for link in response.get("links", {}).values():
+                    assert link["operationId"] in ids
+    assert "HTTPValidationError" not in document["components"]["schemas"]
+
+
+# Problem documents, everywhere.
+
+
+def problem(reply: httpx.Response, status: int) -> dict[str, Any]:
+    assert reply.status_code == status, reply.text
+    assert reply.headers["Content-Type"] == "application/problem+json"
+    document: dict[str, Any] = reply.json()
+    assert document["status"] == status
+    assert document["type"].startswith("urn:raykiln:problem:")
+    return document
+
+
+def test_problems_of_every_kind(guarded: Any) -> None:
+    with guarded.client() as client:
+        problem(client.get("/v1/nothing"), 404)
+        problem(client.get("/nothing"), 404)
+        wrong_method = client.put("/v1/jobs")
+        problem(wrong_method, 405)
+        assert wrong_method.headers["Allow"] == "GET, POST"
+        assert client.patch("/v1/jobs/x").headers["Allow"] == "DELETE, GET"
+        form = client.post("/v1/jobs", data={"scene": "x"})
+        assert problem(form, 415)["accepted"] == "application/json"
+        unknown = problem(client.get("/v1/jobs", params={"limt": 3}), 422)
+        assert unknown["pointer"] == "?limt"
+        assert "limit" in unknown["accepted"]
+        problem(client.get("/v1/version", params={"x": "1"}), 422)
+        problem(client.post("/v1/jobs", content=b"{"), 400)
+        twice = httpx.Headers([("Authorization", "Bearer a"), ("Authorization", "Bearer b")])
+        problem(httpx.get(f"{guarded.url}/v1/jobs", headers=twice), 401)
+
+
+def test_a_broken_database_is_a_problem_and_no_traceback(serve: Any) -> None:
+    server = serve()
+    with server.client() as client, sqlite3.connect(server.data_dir / "raykiln.db") as database:
+        assert client.get("/v1/jobs").status_code == 200
+        database.execute("ALTER TABLE jobs RENAME TO lost")
+        database.commit()
+        reply = client.get("/v1/jobs/job-1/outputs/x")
+        problem(reply, 503)
+        assert "SELECT" not in reply.text
+        assert client.get("/healthz").status_code == 200
+
+
+# Idempotency.
+
+
+QUICK = {"width": 16, "height": 16, "spp": 1}
+
+
+def test_the_repeat_while_the_first_is_worked_on(server: Any, ball: dict[str, Any]) -> None:
+    """Many at once with one key: one job; whoever came too early may ask again."""
+    import concurrent.futures
+
+    body = {"scene": {"inline": {**ball, "name": "at once"}}, "settings": QUICK}
+
+    def post(_number: int) -> httpx.Response:
+        headers = {"Idempotency-Key": "at once"}
+        return httpx.post(f"{server.url}/v1/jobs", json=body, headers=headers, timeout=60)
+
+    with concurrent.futures.ThreadPoolExecutor(12) as pool:
+        replies = list(pool.map(post, range(24)))
+    made = {reply.json()["id"] for reply in replies if reply.status_code == 202}
+    assert len(made) == 1
+    for reply in replies:
+        if reply.status_code != 202:
+            assert problem(reply, 409)["type"] == "urn:raykiln:problem:idempotency-in-flight"
+            assert reply.headers["Retry-After"] == "1"
+    again = post(0)
+    assert (again.status_code, again.json()["id"]) == (202, made.pop())
+
+
+def test_a_key_outlives_its_job(server: Any, ball: dict[str, Any]) -> None:
+    body = {"scene": {"inline": ball}, "settings": QUICK}
+    headers = {"Idempotency-Key": "gone", "Prefer": "wait=60"}
+    with server.client() as client:
+        job = client.post("/v1/jobs", json=body, headers=headers).json()
+        assert client.delete(f"/v1/jobs/{job['id']}").status_code == 204
+        reply = client.post("/v1/jobs", json=body, headers=headers)
+        assert job["id"] in problem(reply, 410)["detail"]
+
+
+def test_a_refused_request_does_not_use_up_its_key(server: Any, ball: dict[str, Any]) -> None:
+    headers = {"Idempotency-Key": "second try"}
+    bad = {"scene": {"inline": {**ball, "shapes": []}}, "settings": QUICK}
+    with server.client() as client:
+        problem(client.post("/v1/jobs", json=bad, headers=headers), 422)
+        good = {"scene": {"inline": ball}, "settings": QUICK}
+        assert client.post("/v1/jobs", json=good, headers=headers).status_code == 202
+
+
+# Many at once.
+
+
+def test_very_many_clients_at_once(server: Any) -> None:
+    """Each of a thousand connections gets its answer, and health answers among them."""
+    import asyncio
+
+    host, port = server.url.removeprefix("http://").split(":")
+    body = json.dumps({"scene": {"name": "cornell_box"}, "settings": QUICK}).encode()
+    head = f"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Length: {len(body)}\r\n"
+    post = head.encode() + b"Content-Type: application/json\r\nConnection: close\r\n\r\n" + body
+    look = b"GET /v1/jobs?limit=1 HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
+    health = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
+
+    async def call(request: bytes) -> bytes:
+        reader, writer = await asyncio.open_connection(host, int(port))
+        writer.write(request)
+        reply = await reader.read()
+        writer.close()
+        return reply.split(b"\r\n")[0]
+
+    async def run() -> list[bytes]:
+        requests = [post] * 300 + [look] * 600 + [health] * 100
+        return await asyncio.gather(*map(call, requests))
+
+    lines = asyncio.run(run())
+    counts = {line: lines.count(line) for line in set(lines)}
+    assert counts == {b"HTTP/1.1 202 Accepted": 300, b"HTTP/1.1 200 OK": 700}
+    is_well(server)
+
+
+def test_more_connections_than_allowed(serve: Any) -> None:
+    import socket
+
+    server = serve(max_connections=16)
+    host, port = server.url.removeprefix("http://").split(":")
+    open_ones = [socket.create_connection((host, int(port)), timeout=10) for _ in range(16)]
+    time.sleep(0.3)
+    with socket.create_connection((host, int(port)), timeout=10) as one_more:
+        reply = one_more.makefile("rb").read()
+    assert reply.startswith(b"HTTP/1.1 503")
+    assert b"application/problem+json" in reply
+    for connection in open_ones:
+        connection.close()
+    deadline = time.monotonic() + 10
+    while True:
+        try:
+            if httpx.get(f"{server.url}/healthz").status_code == 200:
+                return
+        except httpx.TransportError:
+            pass
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+
+
+def test_a_client_that_does_not_read_is_hung_up_on(serve: Any, ball: dict[str, Any]) -> None:
+    import socket
+
+    server = serve(request_timeout_s=1.0)
+    settings = {"width": 1024, "height": 1024, "spp": 1, "aovs": ["albedo", "normal"]}
+    job = server.submit(scene={"inline": ball}, settings=settings)
+    server.wait_for_end(job["id"])
+    host, port = server.url.removeprefix("http://").split(":")
+    with socket.socket() as connection:
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        connection.settimeout(20)
+        connection.connect((host, int(port)))
+        for _ in range(40):
+            path = f"/v1/jobs/{job['id']}/outputs/image.exr"
+            connection.sendall(f"GET {path} HTTP/1.1\r\nHost: localhost\r\n\r\n".encode())
+        time.sleep(3)
+        received = 0
+        try:
+            while piece := connection.recv(65536):
+                received += len(piece)
+        except ConnectionResetError:
+            pass
+    outputs = server.job(job["id"])["outputs"]
+    whole = next(o["size_bytes"] for o in outputs if o["name"] == "image.exr")
+    assert received < 40 * whole
+    assert httpx.get(f"{server.url}/healthz").status_code == 200
