@@ -54,11 +54,13 @@ def plan(settings: Mapping[str, Any]) -> list[Unit]:
 
 GATHERED = ("contact_sheet", "webp", "mp4")
 """Outputs that are made of all frames together."""
-_FPS = 12.0
+_FPS, _TIME_FPS = 12.0, 24.0
 
 
 def playback_fps(frames: Mapping[str, Any]) -> float:
     """The pictures a second at which the frames of a request are shown."""
-    own = frames.get("fps")
-    of_time = (frames.get("time") or {}).get("fps")
-    return float(own or of_time or _FPS)
+    if frames.get("fps") is not None:
+        return float(frames["fps"])
+    if frames.get("time") is not None:
+        return float(frames["time"].get("fps", _TIME_FPS))
+    return _FPS

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import resource
 import signal
@@ -266,3 +267,11 @@ def test_a_checkpoint_of_another_render_is_refused(
 def test_a_missing_checkpoint_starts_from_the_beginning(raykiln: Run, scene: Path) -> None:
     assert raykiln("render", scene, "-o", "a.exr", "--checkpoint", "c", "--resume").code == 0
     assert Path("a.exr").exists()
+
+
+def test_what_is_no_file_is_not_replaced_by_one(raykiln: Run, scene: Path, tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe.exr"
+    os.mkfifo(pipe)
+    ran = raykiln("render", scene, "-o", pipe)
+    assert (ran.code, ran.error) == (2, f"-o: not a regular file (found {pipe})")
+    assert pipe.is_fifo()

@@ -100,6 +100,9 @@ def check_writable(path: Path, option: str) -> None:
         raise CommandError(f"{option}: not a usable path: {one_line(str(error))}") from None
     if path.is_dir():
         raise usage_error(option, "a folder stands in the way of the file", found=path)
+    if path.exists() and not path.is_file():
+        # The file is put into its place whole, which would do away with a device.
+        raise usage_error(option, "not a regular file", found=path)
     if not folder.is_dir():
         raise usage_error(option, "the folder does not exist", found=folder)
     if not os.access(folder, os.W_OK | os.X_OK):
