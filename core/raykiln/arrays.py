@@ -84,7 +84,8 @@ def _cast(array: NDArray[Any], dtype: str) -> NDArray[Any]:
             raise ValueError(f"expected indices from 0, found {int(array.min())}")
         if int(array.max()) > 0xFFFFFFFF:
             raise ValueError(f"expected 32-bit indices, found {int(array.max())}")
-    return np.ascontiguousarray(array, dtype=dtype)
+    # Aligned too: a view into the bytes of a file may begin anywhere, and the core shares arrays.
+    return np.require(array, dtype, ["C", "A"])
 
 
 def _image(value: Any) -> Any:
@@ -97,7 +98,7 @@ def _image(value: Any) -> Any:
         raise ValueError(f"expected an image (height, width, 1..4), found shape {array.shape}")
     if array.dtype not in (np.uint8, np.uint16):
         array = array.astype(np.float32, copy=False)
-    return np.ascontiguousarray(array)
+    return np.require(array, requirements=["C", "A"])
 
 
 _SCHEMA = {

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from raykiln.errors import SceneError
 from raykiln.formats import load
 from raykiln.formats.ply import read_mesh
+from raykiln.render import check
 from raykiln.scene import Mesh
 
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32)
@@ -136,6 +137,15 @@ def test_a_file_of_triangles_is_not_copied_twice(tmp_path: Path) -> None:
     assert isinstance(mesh, Mesh)
     assert mesh.vertices is not None
     assert mesh.vertices.base is not None
+
+
+def test_a_header_of_any_length_can_be_rendered(tmp_path: Path) -> None:
+    """The ray tracer shares positions, and takes them from multiples of four bytes only."""
+    path = tmp_path / "a.ply"
+    for length in range(1, 5):
+        comment = b"comment " + b"x" * length
+        path.write_bytes(GOOD.replace(b"comment made by a test", comment))
+        assert check(load(path)).triangles == 2
 
 
 GOOD = ply_bytes(SQUARE, [[0, 1, 2], [0, 2, 3]])

@@ -1,0 +1,64 @@
+"""Record the rays of a render by raykiln, and trace them again with Embree alone.
+
+Runs with the recorder's library preloaded (see `replay.py`).
+"""
+
+from __future__ import annotations
+
+import ctypes
+from pathlib import Path
+from typing import Any
+
+import raykiln as rk
+from child import finish, job
+
+KINDS = ("camera", "bounce", "shadow")
+WAYS = {"1": (1, 0), "8": (8, 0), "8 coherent": (8, 1), "16": (16, 0), "16 coherent": (16, 1)}
+
+given = job()
+library = ctypes.CDLL(given["library"])
+library.recorder_start.argtypes = [ctypes.c_int64]
+library.recorder_replay.restype = ctypes.c_double
+outcome: dict[str, Any] = {"version": rk.__version__}
+
+
+def replayed(progress: rk.Progress) -> bool:
+    """At the end, while the scene is still there: replay."""
+    if progress.fraction < 1.0 or "kinds" in outcome:
+        return True
+    counts = (ctypes.c_int64 * len(KINDS))()
+    library.recorder_stop(counts)
+    outcome["kinds"] = {
+        name: {"rays": count, "ways": ways(i) if count else {}}
+        for i, (name, count) in enumerate(zip(KINDS, counts, strict=True))
+    }
+    return True
+
+
+def ways(kind: int) -> dict[str, Any]:
+    """Seconds, and rays that met something, for each way of calling Embree."""
+    hits = ctypes.c_int64()
+    done = {}
+    for name, (width, coherent) in WAYS.items():
+        seconds = library.recorder_replay(
+            kind, width, coherent, given["threads"], given["repeats"], ctypes.byref(hits)
+        )
+        done[name] = {"seconds": seconds, "hits": hits.value}
+    return done
+
+
+settings = rk.RenderSettings(
+    width=given["size"],
+    height=given["size"],
+    spp=given["spp"],
+    max_depth=given["depth"],
+    rr_depth=-1,
+    seed=given["seed"],
+    threads=given["threads"],
+    filter="box",
+)
+scene = rk.load_scene(Path(given["scene"]) / "raykiln.json")
+library.recorder_start(given["rays"])
+stats = rk.render(scene, settings, replayed).stats
+outcome["rays"] = stats.camera_rays + stats.bounce_rays + stats.shadow_rays
+finish(given, outcome)
