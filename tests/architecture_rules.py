@@ -69,7 +69,7 @@ PYTHON_ROOMS: dict[str, Room] = {
     "store": Room(
         {f"raykiln_service.{name}" for name in ("database", "leases", "rows", "store")}
         | {f"raykiln_service.{name}" for name in ("beside", "idempotency", "ownership", "quotas")}
-        | {f"raykiln_service.{name}" for name in ("tables_access", "tokens")}
+        | {f"raykiln_service.{name}" for name in ("tables_access", "tokens", "upload_rows")}
         | {f"raykiln_service.{name}" for name in ("migrations", "store_base", "store_queue")}
         | {"raykiln_service.store_retention"}
         | {f"raykiln_service.{name}" for name in ("tables", "tables_frames", "units")},

@@ -16,9 +16,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
-
-import sqlalchemy as sa
+from typing import BinaryIO
 
 from raykiln_service.access import LOCAL, Caller
 from raykiln_service.assets import AssetStore, safe_filename
@@ -30,9 +28,7 @@ from raykiln_service.errors import (
     UploadConflictError,
 )
 from raykiln_service.files import sha256_of, sync_dir
-from raykiln_service.quotas import admit_bytes
-from raykiln_service.store import Store
-from raykiln_service.tables_access import uploads
+from raykiln_service.upload_rows import Announced, UploadRows
 
 CHECKSUMS = ("sha256", "sha1")
 """What a piece may be checked by; tus asks for SHA-1, which guards against accidents only."""
@@ -116,7 +112,8 @@ class Uploads:
 
     def __init__(self, assets: AssetStore, expiry_s: float) -> None:
         self._assets = assets
-        self._store: Store = assets.store
+        self._clock = assets.store.clock
+        self._rows = UploadRows(assets.store.database)
         self._folder = assets.root / "uploads"
         self._expiry_ms = int(expiry_s * 1000)
         self._lock = threading.Lock()
@@ -126,8 +123,7 @@ class Uploads:
         """Make the folder, and drop what has expired or lost its row or its file."""
         self._folder.mkdir(exist_ok=True)
         self.prune()
-        with self._store.database.read() as connection:
-            known = set(connection.execute(sa.select(uploads.c.id)).scalars())
+        known = self._rows.ids()
         for path in self._folder.iterdir():
             if path.name not in known:
                 path.unlink(missing_ok=True)
@@ -146,23 +142,13 @@ class Uploads:
         """
         name = None if filename is None else safe_filename(filename)
         upload_id = f"up-{secrets.token_hex(16)}"
-        now = self._store.clock()
+        now = self._clock()
+        expires = now + self._expiry_ms
+        row = Announced(upload_id, caller.owner, length, name, sha256, None, now, expires)
         self._path(upload_id).touch(exist_ok=False)
         sync_dir(self._folder)
         try:
-            with self._store.database.write() as connection:
-                admit_bytes(connection, caller, length)
-                connection.execute(
-                    uploads.insert().values(
-                        id=upload_id,
-                        owner=caller.owner,
-                        length=length,
-                        filename=name,
-                        sha256=sha256,
-                        created_ms=now,
-                        expires_ms=now + self._expiry_ms,
-                    )
-                )
+            self._rows.add(row, caller)
         except BaseException:
             self._path(upload_id).unlink(missing_ok=True)
             raise
@@ -170,29 +156,18 @@ class Uploads:
 
     def get(self, upload_id: str, caller: Caller = LOCAL) -> ResumableUpload:
         """One upload; `NotFoundError` if the caller has none of that id, `GoneError` if expired."""
-        query = sa.select(uploads).where(uploads.c.id == upload_id)
-        with self._store.database.read() as connection:
-            row = connection.execute(query).one_or_none()
+        row = self._rows.get(upload_id)
         if row is None or not (caller.sees_all or row.owner == caller.owner):
             raise NotFoundError(f"there is no upload {upload_id!r}")
         found = self._upload_of(row)
-        if found.asset_id is None and self._store.clock() >= found.expires_ms:
+        if found.asset_id is None and self._clock() >= found.expires_ms:
             raise GoneError(f"the upload {upload_id} has expired")
         return found
 
     def unfinished(self, sha256: str | None, caller: Caller = LOCAL) -> list[ResumableUpload]:
         """The caller's own uploads under way, the latest first; of these bytes, if so asked."""
-        now = self._store.clock()
-        query = sa.select(uploads).where(
-            uploads.c.owner.is_(None) if caller.owner is None else uploads.c.owner == caller.owner,
-            uploads.c.asset_id.is_(None),
-            uploads.c.expires_ms > now,
-        )
-        if sha256 is not None:
-            query = query.where(uploads.c.sha256 == sha256)
-        query = query.order_by(uploads.c.created_ms.desc(), uploads.c.id).limit(100)
-        with self._store.database.read() as connection:
-            return [self._upload_of(row) for row in connection.execute(query)]
+        found = self._rows.unfinished(caller.owner, sha256, self._clock())
+        return [self._upload_of(row) for row in found]
 
     @contextmanager
     def piece(
@@ -241,9 +216,7 @@ class Uploads:
                 )
             owner = _owner_of(upload)
             asset = self._assets.keep_file(path, digest, upload.filename, owner, counted=True)
-            done = uploads.update().where(uploads.c.id == upload.id).values(asset_id=asset.id)
-            with self._store.database.write() as connection:
-                connection.execute(done)
+            self._rows.change(upload.id, asset_id=asset.id)
             path.unlink(missing_ok=True)
         return self.get(upload.id, caller)
 
@@ -254,27 +227,19 @@ class Uploads:
 
     def prune(self) -> int:
         """Drop the uploads that have expired; how many there were."""
-        now = self._store.clock()
-        query = sa.select(uploads.c.id).where(uploads.c.expires_ms <= now)
-        with self._store.database.read() as connection:
-            old = list(connection.execute(query).scalars())
         dropped = 0
-        for upload_id in old:
+        for upload_id in self._rows.expired(self._clock()):
             with suppress(UploadConflictError), self._alone(upload_id):
                 self._drop(upload_id)
                 dropped += 1
         return dropped
 
     def _drop(self, upload_id: str) -> None:
-        with self._store.database.write() as connection:
-            connection.execute(uploads.delete().where(uploads.c.id == upload_id))
+        self._rows.delete(upload_id)
         self._path(upload_id).unlink(missing_ok=True)
 
     def _touch(self, upload_id: str) -> None:
-        expires = self._store.clock() + self._expiry_ms
-        query = uploads.update().where(uploads.c.id == upload_id).values(expires_ms=expires)
-        with self._store.database.write() as connection:
-            connection.execute(query)
+        self._rows.change(upload_id, expires_ms=self._clock() + self._expiry_ms)
 
     def _path(self, upload_id: str) -> Path:
         return self._folder / upload_id
@@ -299,7 +264,7 @@ class Uploads:
             with self._lock:
                 self._busy.discard(upload_id)
 
-    def _upload_of(self, row: sa.Row[Any]) -> ResumableUpload:
+    def _upload_of(self, row: Announced) -> ResumableUpload:
         try:
             offset = self._path(row.id).stat().st_size
         except FileNotFoundError:
