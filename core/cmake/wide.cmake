@@ -27,35 +27,37 @@ if(RAYKILN_SANITIZE)
   target_compile_definitions(raykiln_options INTERFACE RAYKILN_BASELINE_ONLY)
 endif()
 
-function(raykiln_add_wide isa)
-  set(library raykiln_wide_${isa})
-  add_library(${library} OBJECT ${RAYKILN_WIDE_SOURCES})
-  target_link_libraries(${library} PRIVATE raykiln_options TBB::tbb)
-  target_include_directories(${library} PRIVATE ${CMAKE_CURRENT_SOURCE_DIR}/src)
-  target_compile_options(${library} PRIVATE ${RAYKILN_ISA_FLAGS_${isa}} -fno-gnu-unique)
-  target_compile_definitions(${library} PRIVATE RAYKILN_WIDE_ENTRY=raykiln_wide_${isa})
-  set_target_properties(${library} PROPERTIES CXX_VISIBILITY_PRESET hidden
-                                              INTERPROCEDURAL_OPTIMIZATION OFF)
+# Compiles the sources (after `isa`) for one instruction set and adds the result to `target`.
+# All but the C function `entry` is local to it; the sources know its name as
+# RAYKILN_WIDE_ENTRY.
+function(raykiln_add_isolated target entry isa)
+  add_library(${entry} OBJECT ${ARGN})
+  target_link_libraries(${entry} PRIVATE raykiln_options TBB::tbb)
+  target_include_directories(${entry} PRIVATE ${raykiln_SOURCE_DIR}/src)
+  target_compile_options(${entry} PRIVATE ${RAYKILN_ISA_FLAGS_${isa}} -fno-gnu-unique)
+  target_compile_definitions(${entry} PRIVATE RAYKILN_WIDE_ENTRY=${entry})
+  set_target_properties(${entry} PROPERTIES CXX_VISIBILITY_PRESET hidden
+                                            INTERPROCEDURAL_OPTIMIZATION OFF)
   if(RAYKILN_SANITIZE)
-    target_sources(raykiln_core PRIVATE $<TARGET_OBJECTS:${library}>)
+    target_sources(${target} PRIVATE $<TARGET_OBJECTS:${entry}>)
     return()
   endif()
-  set(object ${CMAKE_CURRENT_BINARY_DIR}/${library}.o)
+  set(object ${CMAKE_CURRENT_BINARY_DIR}/${entry}.o)
+  set(check ${raykiln_SOURCE_DIR}/cmake/check_isolated.cmake)
   add_custom_command(
     OUTPUT ${object}
     COMMAND ${CMAKE_LINKER} -r --force-group-allocation -o ${object}.whole
-            $<TARGET_OBJECTS:${library}>
-    COMMAND ${CMAKE_OBJCOPY} --keep-global-symbol=${library} ${object}.whole ${object}
+            $<TARGET_OBJECTS:${entry}>
+    COMMAND ${CMAKE_OBJCOPY} --keep-global-symbol=${entry} ${object}.whole ${object}
     COMMAND ${CMAKE_COMMAND} -DNM=${CMAKE_NM} -DREADELF=${CMAKE_READELF} -DOBJECT=${object}
-            -DENTRY=${library} -P ${CMAKE_CURRENT_SOURCE_DIR}/cmake/check_isolated.cmake
-    DEPENDS ${library} $<TARGET_OBJECTS:${library}>
-            ${CMAKE_CURRENT_SOURCE_DIR}/cmake/check_isolated.cmake
+            -DENTRY=${entry} -P ${check}
+    DEPENDS ${entry} $<TARGET_OBJECTS:${entry}> ${check}
     COMMAND_EXPAND_LISTS VERBATIM
-    COMMENT "Hiding all of ${library} but its entry point")
+    COMMENT "Hiding all of ${entry} but its entry point")
   set_source_files_properties(${object} PROPERTIES EXTERNAL_OBJECT ON GENERATED ON)
-  target_sources(raykiln_core PRIVATE ${object})
+  target_sources(${target} PRIVATE ${object})
 endfunction()
 
 foreach(isa IN LISTS RAYKILN_ISAS)
-  raykiln_add_wide(${isa})
+  raykiln_add_isolated(raykiln_core raykiln_wide_${isa} ${isa} ${RAYKILN_WIDE_SOURCES})
 endforeach()

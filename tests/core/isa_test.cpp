@@ -58,8 +58,7 @@ TEST(Isa, EachHasKernelsOfItsOwnWhichDrawTheSameSamples) {
         std::vector<float> drawn(4 * count + 1, 77.0f);
         kernels.sobol_samples(pixel.data(), index.data(), count, 5, drawn.data());
         for (std::size_t i = 0; i < count; ++i) {
-            const auto expected =
-                sobol_sample(SampleKey<float>{pixel[i], index[i]}, 5);
+            const auto expected = sobol_sample(SampleKey<float>{pixel[i], index[i]}, 5);
             for (std::size_t d = 0; d < 4; ++d) {
                 ASSERT_EQ(drawn[4 * i + d], expected[d]) << kernels.isa << " " << i;
             }
