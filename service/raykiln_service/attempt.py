@@ -20,6 +20,7 @@ from raykiln_service.files import (
     publish_folder,
     remove_tree,
     sha256_of,
+    storage_trouble,
     sync_dir,
     write_json,
 )
@@ -89,7 +90,7 @@ class Attempt:
             self._try(lambda: self._fail(problem))
         except OSError as error:
             detail = f"the data folder: {error.strerror or error}"
-            self._try(lambda: self._lose("storage", detail))
+            self._try(lambda: self._lose("storage", detail, own_fault=False))
         except SQLAlchemyError as error:
             self._say(f"could not be committed: {error}")
         except Exception:
@@ -222,18 +223,36 @@ class Attempt:
             case OutcomeKind.REJECTED:
                 self._fail(outcome.error)
             case OutcomeKind.BROKEN:
-                self._lose(outcome.error["reason"], outcome.error["detail"], outcome.error)
+                self._broken(outcome.error)
 
     def _fail(self, error: Mapping[str, Any], kept: Mapping[str, Any] | None = None) -> None:
         self._say(f"failed: {error['detail']}")
         self._end(lambda: self._store.fail(self._lease, error, kept))
 
-    def _lose(self, reason: str, detail: str, error: Mapping[str, Any] | None = None) -> None:
+    def _broken(self, error: Mapping[str, Any]) -> None:
+        trouble = storage_trouble(self._folder)
+        if trouble is None:
+            self._lose(error["reason"], error["detail"], error)
+        else:
+            # Not the job's fault: it goes on when there is room again.
+            detail = f"the data folder: {trouble}; the render said: {error['detail']}"
+            self._lose("storage", detail, own_fault=False)
+
+    def _lose(
+        self,
+        reason: str,
+        detail: str,
+        error: Mapping[str, Any] | None = None,
+        *,
+        own_fault: bool = True,
+    ) -> None:
         self._say(f"lost: {detail}")
         self._metrics.lost.labels(reason).inc()
         problem = error or {"reason": reason, "title": "The attempt was lost", "detail": detail}
-        delay_s = self._settings.retry_pause_s(self._job.failures)
-        self._end(lambda: self._store.lose(self._lease, problem, own_fault=True, delay_s=delay_s))
+        delay_s = self._settings.retry_pause_s(self._job.failures + self._job.stalls)
+        self._end(
+            lambda: self._store.lose(self._lease, problem, own_fault=own_fault, delay_s=delay_s)
+        )
 
     def _keep(self, partial: Mapping[str, Any] | None) -> dict[str, Any] | None:
         """Publish what there is of a job that ends before it is done."""

@@ -14,7 +14,7 @@ from raykiln_service.cache import ResultCache
 from raykiln_service.errors import LeaseLostError
 from raykiln_service.events import EventHub
 from raykiln_service.executors.base import Executor
-from raykiln_service.jobs import Job
+from raykiln_service.jobs import Job, Lease
 from raykiln_service.leases import LeaseWatch
 from raykiln_service.logs import get_logger
 from raykiln_service.metrics import Metrics
@@ -54,6 +54,7 @@ class Dispatcher:
         self._stopping = threading.Event()
         self._wake = threading.Condition()
         self._signals = 0
+        self._held: set[str] = set()
         self._threads: list[threading.Thread] = []
         self._log = get_logger()
 
@@ -70,8 +71,7 @@ class Dispatcher:
         self._executor.start()
         for slot in range(self._executor.slots):
             self._spawn(self._work, slot)
-        if not alone:
-            self._spawn(self._sweep)
+        self._spawn(self._sweep, alone)
 
     def begin_stop(self) -> None:
         """Claim nothing more; running attempts stop at their next look."""
@@ -113,12 +113,16 @@ class Dispatcher:
             if job is None:
                 self._sleep(signals)
                 continue
+            assert job.lease is not None
+            self._held.add(job.lease.token)
             try:
                 if not self._answered(job):
                     self._attempt(job).run(slot, self._executor)
             except Exception:
-                # A slot must outlive whatever one job does to it; the job's lease runs out.
+                # A slot must outlive whatever one job does to it; the sweep takes the job back.
                 self._log.exception("attempt broke in the service", job=job.id)
+            finally:
+                self._held.discard(job.lease.token)
 
     def _sleep(self, signals: int) -> None:
         with self._wake:
@@ -162,11 +166,26 @@ class Dispatcher:
             is_stopping=self._stopping.is_set,
         )
 
-    def _sweep(self) -> None:
+    def _sweep(self, alone: bool) -> None:
         watch = LeaseWatch(self._store, self._settings.lease_s)
+        suspects: set[Lease] = set()
         while not self._stopping.wait(min(_SWEEP_S, self._settings.lease_s / 4)):
             try:
-                for job_id in watch.sweep(self.owner):
+                for job_id in [] if alone else watch.sweep(self.owner):
                     self._log.info("job taken back from a service that is gone", job=job_id)
+                suspects = self._drop_orphans(suspects)
             except SQLAlchemyError as error:
                 self._log.warning("leases not swept", error=str(error))
+
+    def _drop_orphans(self, suspects: set[Lease]) -> set[Lease]:
+        """Take back the jobs of this service that no slot works on; returns new suspects.
+
+        That happens where the database failed between a change and the news of it.  A job that
+        is just being claimed looks the same, so it takes two looks.
+        """
+        leases = self._store.leases_of(self.owner)
+        found = {lease for lease in leases if lease.token not in self._held}
+        for lease in found & suspects:
+            if self._store.void(lease, self._settings.retry_pause_s(lease.attempt)):
+                self._log.warning("job taken back that nobody worked on", job=lease.job_id)
+        return found - suspects

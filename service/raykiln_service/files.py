@@ -11,6 +11,9 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+# A folder that has no room for so much has none for an image either.
+_PROBE_BYTES = 1 << 20
+
 
 def sync_dir(folder: Path) -> None:
     """Make the names in a folder durable."""
@@ -73,3 +76,19 @@ def remove_tree(folder: Path) -> None:
         with contextlib.suppress(OSError):
             Path(path).chmod(0o700)
     shutil.rmtree(folder, ignore_errors=True)
+
+
+def storage_trouble(folder: Path) -> str | None:
+    """Why nothing can be written to a folder just now; None if it can."""
+    probe = folder / f".probe-{secrets.token_hex(4)}"
+    try:
+        with probe.open("wb") as file:
+            file.write(os.urandom(_PROBE_BYTES))
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        return error.strerror or str(error)
+    finally:
+        with contextlib.suppress(OSError):
+            probe.unlink(missing_ok=True)
+    return None

@@ -131,17 +131,24 @@ class LeaseStore(UnitStore):
 
     def leases_of_others(self, owner: str) -> dict[Lease, int]:
         """The leases of other owners, each with its beat: a number that heartbeats change."""
-        query = sa.select(jobs).where(IS_RUNNING, jobs.c.lease_owner != owner)
+        return self._leases(jobs.c.lease_owner != owner)
+
+    def leases_of(self, owner: str) -> dict[Lease, int]:
+        """The leases of one owner."""
+        return self._leases(jobs.c.lease_owner == owner)
+
+    def _leases(self, whose: sa.ColumnElement[bool]) -> dict[Lease, int]:
+        query = sa.select(jobs).where(IS_RUNNING, whose)
         with self.database.read() as connection:
             rows = connection.execute(query).mappings().all()
         found = {job_of(row).lease: row["lease_expires_ms"] for row in rows}
         return {lease: int(beat) for lease, beat in found.items() if lease is not None}
 
-    def void(self, lease: Lease) -> bool:
+    def void(self, lease: Lease, delay_s: float = 0.0) -> bool:
         """Take back the job of an owner that is gone; False if its lease is no more."""
         reason = {"reason": "interrupted", "detail": "the service went away during the render"}
         try:
-            self.lose(lease, reason, own_fault=False)
+            self.lose(lease, reason, own_fault=False, delay_s=delay_s)
         except LeaseLostError:
             return False
         return True

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import signal
 import time
@@ -88,7 +89,7 @@ def check_story(server: Any, job: dict[str, Any]) -> None:
             states.append(JobState(data.split('"state": "')[1].split('"')[0]))
     legal = {(source, target) for (source, _event), target in TRANSITIONS.items()}
     assert states[0] is JobState.QUEUED
-    assert all(step in legal for step in zip(states, states[1:], strict=False)), states
+    assert all(step in legal for step in itertools.pairwise(states)), states
     assert [state.is_final for state in states].count(True) == 1
     assert states[-1] == job["state"]
     assert states.count(JobState.RUNNING) == job["attempts"]
