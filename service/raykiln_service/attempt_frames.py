@@ -31,7 +31,8 @@ class FramesAttempt(Attempt):
     _began = 0.0
 
     def _work(self, slot: int, executor: Executor) -> None:
-        self._records = {r.frame.number: r for r in self._store.frames(self._job.id)}
+        records = self._committed(lambda: self._store.frames(self._job.id))
+        self._records = {record.frame.number: record for record in records}
         self._took_s = []
         self._tidy_frames()
         for number, record in list(self._records.items()):
@@ -108,7 +109,7 @@ class FramesAttempt(Attempt):
         )
         if state is FrameState.SUCCEEDED:
             (self._folder / f"checkpoint-{record.frame.name}").unlink(missing_ok=True)
-        self._records[number] = self._store.frame(self._job.id, number)
+        self._records[number] = self._committed(lambda: self._store.frame(self._job.id, number))
 
     def _keep(self, partial: Mapping[str, Any] | None) -> dict[str, Any] | None:
         if partial is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sqlalchemy import CheckConstraint, Column, ForeignKey, Integer, Table, Text
+from sqlalchemy import CheckConstraint, Column, ForeignKey, Index, Integer, Table, Text
 
 from raykiln_service.tables import STRICT, BigInt, metadata
 
@@ -17,6 +17,7 @@ frames = Table(
     Column("updated_ms", BigInt, nullable=False),
     Column("error", Text),
     Column("result", Text),
+    Index("ix_frames_state", "job_id", "state"),
     CheckConstraint("number >= 1 AND failures >= 0", name="frame_counts"),
     CheckConstraint("state IN ('queued', 'succeeded', 'failed', 'cancelled')", name="frame_state"),
     CheckConstraint("state <> 'succeeded' OR result IS NOT NULL", name="frame_result"),

