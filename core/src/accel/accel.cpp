@@ -62,6 +62,7 @@ struct Accel::Impl {
     RTCDevice device = nullptr;
     std::vector<RTCScene> group_scenes;  // [0] is the world
     std::uint32_t first_instance = 0;    // geometry id in the world
+    std::uint32_t last_geometry = 0;     // one past it
 
     RTCScene new_scene() {
         RTCScene scene = rtcNewScene(device);
@@ -123,6 +124,7 @@ Accel::Accel(const Scene& scene) : impl_(std::make_unique<Impl>()) {
             for (const Instance& instance : scene.instances) {
                 impl_->add_instance(instance, id++);
             }
+            impl_->last_geometry = id;
         }
         rtcCommitScene(target);
     }
@@ -159,6 +161,9 @@ bool Accel::occluded(const Ray& ray) const {
 template <int N>
 void Accel::intersect(RayPacket<N>& packet, bool coherent) const {
     embree_intersect(impl_->group_scenes[0], packet, coherent);
+    if (impl_->first_instance == impl_->last_geometry) {
+        return;  // no instances
+    }
     for (int i = 0; i < N; ++i) {
         const bool none = packet.instance[i] == no_index;
         packet.instance[i] -= none ? 0 : impl_->first_instance;

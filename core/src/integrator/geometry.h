@@ -22,13 +22,13 @@ struct SurfacePoint {
     F error;  ///< how far to move a ray's origin off the surface
 };
 
-/// The corners of a triangle, in the space of its group. Without texture coordinates
-/// `uv` holds (0, 0), (1, 0), (0, 1), without normals `n` zeros.
+/// The corners of a triangle, in the space of its group. Without normals the face's own
+/// counts, without texture coordinates the barycentric ones.
 template <class F>
 struct TriangleCorners {
     Vec3<F> p[3], n[3];
     Vec2<F> uv[3];
-    Mask<F> has_uv;
+    Mask<F> has_normals, has_uv;
 };
 
 /// Geometry at a hit, before shading: first in the group's space, then in the world's.
@@ -51,6 +51,25 @@ inline Geometry<F> select(Mask<F> mask, const Geometry<F>& a, const Geometry<F>&
             select(mask, a.magnitude, b.magnitude)};
 }
 
+/// Texture coordinates, and derivatives of the position over them: 0 where the mapping is
+/// degenerate.
+template <class F>
+inline void set_texture_coordinates(Geometry<F>& g, const TriangleCorners<F>& t, F u,
+                                    F v) {
+    const F w = F(1.0f) - u - v;
+    const Vec2<F> uv{w * t.uv[0].x + u * t.uv[1].x + v * t.uv[2].x,
+                     w * t.uv[0].y + u * t.uv[1].y + v * t.uv[2].y};
+    g.uv = select(t.has_uv, uv, g.uv);
+    const Vec3<F> edge1 = t.p[1] - t.p[0], edge2 = t.p[2] - t.p[0];
+    const F du1 = t.uv[1].x - t.uv[0].x, dv1 = t.uv[1].y - t.uv[0].y;
+    const F du2 = t.uv[2].x - t.uv[0].x, dv2 = t.uv[2].y - t.uv[0].y;
+    const F determinant = du1 * dv2 - dv1 * du2;
+    const auto regular = t.has_uv & (abs(determinant) > F(3e-38f));
+    const F scale = F(1.0f) / select(regular, determinant, F(1.0f));
+    g.dp_du = select(regular, (edge1 * dv2 - edge2 * dv1) * scale, g.dp_du);
+    g.dp_dv = select(regular, (edge2 * du1 - edge1 * du2) * scale, g.dp_dv);
+}
+
 /// At barycentric coordinates u, v of the second and third corner.
 template <class F>
 inline Geometry<F> triangle_geometry(const TriangleCorners<F>& t, F u, F v) {
@@ -60,20 +79,17 @@ inline Geometry<F> triangle_geometry(const TriangleCorners<F>& t, F u, F v) {
     g.p = t.p[0] * w + t.p[1] * u + t.p[2] * v;
     g.magnitude = max(max_abs(t.p[0]), max(max_abs(t.p[1]), max_abs(t.p[2])));
     g.normal = cross(edge1, edge2);
-    const Vec3<F> n = t.n[0] * w + t.n[1] * u + t.n[2] * v;
-    g.shading_normal = select(length_squared(n) > F(0.0f), n, g.normal);
-    g.uv = {w * t.uv[0].x + u * t.uv[1].x + v * t.uv[2].x,
-            w * t.uv[0].y + u * t.uv[1].y + v * t.uv[2].y};
-    // Derivatives of position over texture coordinates; 0 where the mapping is
-    // degenerate.
-    const F du1 = t.uv[1].x - t.uv[0].x, dv1 = t.uv[1].y - t.uv[0].y;
-    const F du2 = t.uv[2].x - t.uv[0].x, dv2 = t.uv[2].y - t.uv[0].y;
-    const F determinant = du1 * dv2 - dv1 * du2;
-    const auto regular = t.has_uv & (abs(determinant) > F(3e-38f));
-    const F scale = F(1.0f) / select(regular, determinant, F(1.0f));
-    const Vec3<F> zero(F(0.0f));
-    g.dp_du = select(regular, (edge1 * dv2 - edge2 * dv1) * scale, zero);
-    g.dp_dv = select(regular, (edge2 * du1 - edge1 * du2) * scale, zero);
+    g.shading_normal = g.normal;
+    if (any(t.has_normals)) {
+        const Vec3<F> n = t.n[0] * w + t.n[1] * u + t.n[2] * v;
+        g.shading_normal =
+            select(t.has_normals & (length_squared(n) > F(0.0f)), n, g.normal);
+    }
+    g.uv = {u, v};
+    g.dp_du = g.dp_dv = Vec3<F>(F(0.0f));
+    if (any(t.has_uv)) {
+        set_texture_coordinates(g, t, u, v);
+    }
     return g;
 }
 
@@ -115,11 +131,12 @@ inline Geometry<F> in_world(const Geometry<F>& g,
 
 namespace detail {
 
-/// A normal map's perturbation of the shading frame. In the map x runs along u and y
+/// A normal map's perturbation of the shading normal. In the map x runs along u and y
 /// against v.
 template <class F>
-inline Frame<F> mapped_frame(const Material& m, const std::vector<Texture>& textures,
-                             const Geometry<F>& g, const Frame<F>& frame) {
+inline Vec3<F> mapped_normal(const Material& m, const std::vector<Texture>& textures,
+                             const Geometry<F>& g, const Vec3<F>& normal) {
+    const Frame<F> frame = frame_of_normal_and_tangent(normal, g.dp_du);
     const Vec3<F> rgb =
         lookup(textures[static_cast<std::size_t>(m.normal_map)], g.uv).rgb;
     const F scale(m.normal_scale);
@@ -127,20 +144,18 @@ inline Frame<F> mapped_frame(const Material& m, const std::vector<Texture>& text
     const F y = (F(2.0f) * rgb.y - F(1.0f)) * scale;
     const F z = max(F(2.0f) * rgb.z - F(1.0f), F(1e-3f));
     const Vec3<F> bitangent = select(dot(frame.t, g.dp_dv) > F(0.0f), -frame.t, frame.t);
-    const Vec3<F> n = frame.s * x + bitangent * y + frame.n * z;
-    return frame_of_normal_and_tangent(normalize(n), g.dp_du);
+    return normalize(frame.s * x + bitangent * y + frame.n * z);
 }
 
-/// The side of a two-sided surface that `dir_out` sees: the frame is turned to it, and
-/// bent where the shading normal would look away from a viewer on that side.
+/// The normal of a two-sided surface on the side that `dir_out` sees, bent where it would
+/// look away from a viewer on that side.
 template <class F>
-inline Frame<F> facing_viewer(const Frame<F>& f, const Vec3<F>& geometric_normal,
-                              const Vec3<F>& dir_out) {
+inline Vec3<F> facing_viewer(const Vec3<F>& normal, const Vec3<F>& geometric_normal,
+                             const Vec3<F>& dir_out) {
     const F least(1e-3f);
-    Vec3<F> n = select(dot(dir_out, geometric_normal) < F(0.0f), -f.n, f.n);
+    const Vec3<F> n = select(dot(dir_out, geometric_normal) < F(0.0f), -normal, normal);
     const F cosine = dot(dir_out, n);
-    n = select(cosine < least, normalize(n + dir_out * (least - cosine)), n);
-    return frame_of_normal_and_tangent(n, f.s);
+    return select(cosine < least, normalize(n + dir_out * (least - cosine)), n);
 }
 
 }  // namespace detail
@@ -156,13 +171,14 @@ inline SurfacePoint<F> surface_point(const Geometry<F>& g, F sign,
     s.uv = g.uv;
     s.error = position_error(g.magnitude);
     s.normal = normalize(g.normal) * sign;
-    s.shading = frame_of_normal_and_tangent(normalize(g.shading_normal) * sign, g.dp_du);
+    Vec3<F> n = normalize(g.shading_normal) * sign;
     if (material.normal_map != no_texture) {
-        s.shading = detail::mapped_frame(material, textures, g, s.shading);
+        n = detail::mapped_normal(material, textures, g, n);
     }
     if (material.two_sided) {
-        s.shading = detail::facing_viewer(s.shading, s.normal, dir_out);
+        n = detail::facing_viewer(n, s.normal, dir_out);
     }
+    s.shading = frame_of_normal_and_tangent(n, g.dp_du);
     return s;
 }
 

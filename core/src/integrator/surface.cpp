@@ -10,9 +10,9 @@ TriangleCorners<float> corners_of(const Mesh& mesh, std::uint32_t triangle) {
     for (int i = 0; i < 3; ++i) {
         t.p[i] = mesh.position(v[i]);
         t.n[i] = mesh.normals != nullptr ? mesh.normal(v[i]) : Vec3f{};
-        t.uv[i] = mesh.uvs != nullptr ? mesh.uv(v[i])
-                                      : Vec2f{i == 1 ? 1.0f : 0.0f, i == 2 ? 1.0f : 0.0f};
+        t.uv[i] = mesh.uvs != nullptr ? mesh.uv(v[i]) : Vec2f{};
     }
+    t.has_normals = mesh.normals != nullptr;
     t.has_uv = mesh.uvs != nullptr;
     return t;
 }

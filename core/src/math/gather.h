@@ -6,6 +6,15 @@
 
 namespace raykiln {
 
+/// The value of the first lane.
+inline std::uint32_t first_lane(std::uint32_t x) {
+    return x;
+}
+template <class U>
+inline std::uint32_t first_lane(const U& x) {
+    return x.lane(0);
+}
+
 namespace detail {
 
 template <class T>

@@ -48,15 +48,8 @@ void Film::add(int x, int y, const PixelSums& sums, std::uint32_t count) {
 
 std::uint32_t next_pass(std::uint32_t samples, std::uint32_t spp) {
     constexpr std::uint32_t run = 16;
-    std::uint32_t end = run;
-    if (samples < run) {
-        end = 1;
-        while (end <= samples) {
-            end *= 2;
-        }
-    } else {
-        end = (samples / run + 1) * run;
-    }
+    // The first sample comes alone, for a picture at once.
+    const std::uint32_t end = samples == 0 ? 1 : (samples / run + 1) * run;
     return std::min(end, spp);
 }
 

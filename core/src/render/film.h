@@ -74,7 +74,7 @@ class Film {
     std::vector<std::uint32_t> counts_;
 };
 
-/// Sample number that the pass after `samples` ends at: 1, 2, 4, 8, 16, then every 16.
+/// Sample number that the pass after `samples` ends at: 1, 16, then every 16.
 std::uint32_t next_pass(std::uint32_t samples, std::uint32_t spp);
 
 }  // namespace raykiln

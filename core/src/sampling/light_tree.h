@@ -102,12 +102,23 @@ inline F LightTree::importance(Uint<F> index, const LightReceiverOf<F>& r) const
     // chance.
     const F angle_slack(1e-4f);
     const F least_cosine(0.01f);
-    const auto number = [&](float Node::* member) {
-        return gather_member<F>(nodes_.data(), member, index);
+    // Near the root all lanes look at one node.
+    const std::uint32_t first = first_lane(index);
+    const bool same = all(index == Uint<F>(first));
+    const auto number = [&](float Node::*member) {
+        return same ? F(nodes_[first].*member)
+                    : gather_member<F>(nodes_.data(), member, index);
+    };
+    const auto vector = [&](Vec3f Node::*member) {
+        if (!same) {
+            return gather_member<F>(nodes_.data(), member, index);
+        }
+        const Vec3f& v = nodes_[first].*member;
+        return Vec3<F>{F(v.x), F(v.y), F(v.z)};
     };
     const F radius2 = number(&Node::radius2);
     const F power = number(&Node::power);
-    const Vec3<F> d = gather_member<F>(nodes_.data(), &Node::center, index) - r.p;
+    const Vec3<F> d = vector(&Node::center) - r.p;
     const F distance2 = length_squared(d);
     const Vec3<F> direction = d * (F(1.0f) / sqrt(max(distance2, F(1e-30f))));
     const auto inside = distance2 <= radius2;
@@ -115,8 +126,7 @@ inline F LightTree::importance(Uint<F> index, const LightReceiverOf<F>& r) const
     const F sin_b = sqrt(sin2_b);
     const F cos_b = select(inside, F(-1.0f), safe_sqrt(F(1.0f) - sin2_b));
 
-    const F cos_axis =
-        F(0.0f) - dot(gather_member<F>(nodes_.data(), &Node::axis, index), direction);
+    const F cos_axis = F(0.0f) - dot(vector(&Node::axis), direction);
     const auto two_sided = word<F>(&Node::two_sided, index) != Uint<F>(0u);
     const F cos_w = select(two_sided, abs(cos_axis), cos_axis);
     const F sin_w = safe_sqrt(F(1.0f) - cos_w * cos_w);

@@ -19,7 +19,7 @@ class PathTracer final : public BatchTracer {
   public:
     explicit PathTracer(const BatchScene& scene) :
         b_(scene),
-        ends_(scene.scene.materials.size() + 2) {}
+        ends_(scene.scene.materials.size() + 3) {}
 
     void run(Batch& batch, RayCounts& counts) override {
         start(batch);
@@ -83,19 +83,29 @@ class PathTracer final : public BatchTracer {
     /// Groups the active slots: misses first, then a material after the other; within a
     /// group they ascend.
     void sort_by_material() {
+        const ShapeList& list = b_.shapes;
+        for (int i = 0; i < size_; i += lanes) {
+            const M valid = M::first(std::min(lanes, size_ - i));
+            const U slots = select(valid, load(active_.at + i), U(active_.at[i]));
+            const U geometry = paths_.geometry[slots];
+            const M met = geometry != U(no_index);
+            U shape = select(met, geometry, U(0u));
+            if (!list.first_of_instance.empty()) {
+                const U instance = paths_.instance[slots];
+                const M placed = met & (instance != U(no_index));
+                shape = shape +
+                        gather(placed, list.first_of_instance.data(), instance, U(0u));
+            }
+            const U material = gather(met, list.material_of_shape.data(), shape, U(0u));
+            store(group_.at + i, select(met, material + U(1u), U(0u)));
+            scatter(valid, paths_.shape.at, slots, shape);
+        }
         std::fill(ends_.begin(), ends_.end(), 0);
         for (int i = 0; i < size_; ++i) {
-            const std::uint32_t slot = active_.at[i];
-            const std::uint32_t geometry = paths_.geometry.at[slot];
-            const std::uint32_t group =
-                geometry == no_index
-                    ? 0
-                    : 1 + b_.shapes.at(paths_.instance.at[slot], geometry).material;
-            group_.at[i] = group;
-            ++ends_[group + 1 < ends_.size() ? group + 1 : group];
+            ++ends_[group_.at[i] + 1];
         }
-        // ends_[g] holds the number in group g - 1 (the last group's is not needed): make
-        // it where group g begins, then move it to where it ends.
+        // ends_[g] holds the number in group g - 1: make it where group g begins, then
+        // move it to where it ends.
         for (std::size_t g = 1; g < ends_.size(); ++g) {
             ends_[g] += ends_[g - 1];
         }

@@ -84,7 +84,7 @@ struct Paths {
     // What the ray met.
     Plane hit_u, hit_v;
     Plane3 hit_normal;
-    Indices geometry, primitive, instance, home;
+    Indices geometry, primitive, instance, shape, home;
     Plane hit_t;
     Indices alive;  // 1: goes on after this vertex
 };

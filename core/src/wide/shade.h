@@ -62,13 +62,12 @@ inline MetShapes fetch_shapes(const BatchScene& b, const Paths& paths, U slots) 
     LaneBuffer3 p[3], n[3], center, mx, my, mz, mo;
     LaneBuffer u[3], v[3], radius, sign;
     alignas(64) std::uint32_t slot[lanes], emission[lanes], light[lanes];
-    std::uint32_t on_sphere = 0, placed = 0, emits = 0, has_uv = 0;
+    std::uint32_t on_sphere = 0, placed = 0, emits = 0, has_normals = 0, has_uv = 0;
     store(slot, slots);
     for (int i = 0; i < lanes; ++i) {
         const std::uint32_t s = slot[i];
         const std::uint32_t instance = paths.instance.at[s];
-        const std::uint32_t geometry = paths.geometry.at[s];
-        const ShapeRecord& shape = b.shapes.at(instance, geometry);
+        const ShapeRecord& shape = b.shapes.shapes[paths.shape.at[s]];
         const std::uint32_t bit = 1u << i;
         sign.at[i] = shape.sign;
         emission[i] = light[i] = 0;
@@ -76,7 +75,7 @@ inline MetShapes fetch_shapes(const BatchScene& b, const Paths& paths, U slots) 
             emits |= bit;
             emission[i] = shape.emission;
             Hit hit;
-            hit.geometry = geometry;
+            hit.geometry = paths.geometry.at[s];
             hit.primitive = paths.primitive.at[s];
             hit.instance = instance;
             light[i] = light_of(b.scene, hit);
@@ -97,32 +96,37 @@ inline MetShapes fetch_shapes(const BatchScene& b, const Paths& paths, U slots) 
         }
         const std::uint32_t* corner =
             shape.indices + 3 * static_cast<std::size_t>(paths.primitive.at[s]);
-        has_uv |= shape.uvs != nullptr ? bit : 0;
         for (int k = 0; k < 3; ++k) {
-            const std::size_t c = corner[k];
-            const float* at = shape.positions + 3 * c;
+            const float* at = shape.positions + 3 * static_cast<std::size_t>(corner[k]);
             p[k].set(i, at[0], at[1], at[2]);
-            if (shape.normals != nullptr) {
-                const float* normal = shape.normals + 3 * c;
-                n[k].set(i, normal[0], normal[1], normal[2]);
-            } else {
-                n[k].set(i, 0, 0, 0);
+        }
+        if (shape.normals != nullptr) {
+            has_normals |= bit;
+            for (int k = 0; k < 3; ++k) {
+                const float* at = shape.normals + 3 * static_cast<std::size_t>(corner[k]);
+                n[k].set(i, at[0], at[1], at[2]);
             }
-            if (shape.uvs != nullptr) {
-                u[k].at[i] = shape.uvs[2 * c];
-                v[k].at[i] = shape.uvs[2 * c + 1];
-            } else {
-                u[k].at[i] = k == 1 ? 1.0f : 0.0f;
-                v[k].at[i] = k == 2 ? 1.0f : 0.0f;
+        }
+        if (shape.uvs != nullptr) {
+            has_uv |= bit;
+            for (int k = 0; k < 3; ++k) {
+                const float* at = shape.uvs + 2 * static_cast<std::size_t>(corner[k]);
+                u[k].at[i] = at[0];
+                v[k].at[i] = at[1];
             }
         }
     }
     MetShapes met;
     for (int k = 0; k < 3; ++k) {
         met.corners.p[k] = p[k].all();
-        met.corners.n[k] = n[k].all();
-        met.corners.uv[k] = {u[k].all(), v[k].all()};
+        if (has_normals != 0) {
+            met.corners.n[k] = n[k].all();
+        }
+        if (has_uv != 0) {
+            met.corners.uv[k] = {u[k].all(), v[k].all()};
+        }
     }
+    met.corners.has_normals = M::of_bits(has_normals);
     met.corners.has_uv = M::of_bits(has_uv);
     met.sign = sign.all();
     met.emission = load(emission);

@@ -20,9 +20,11 @@ struct ShapeRecord {
 /// The shapes of all groups in one list.
 struct ShapeList {
     std::vector<ShapeRecord> shapes;
-    std::vector<std::uint32_t> first_of_group, group_of_instance;
+    std::vector<std::uint32_t> material_of_shape;
+    std::vector<std::uint32_t> first_of_instance;  ///< its first shape
 
     explicit ShapeList(const Scene& scene) {
+        std::vector<std::uint32_t> first_of_group;
         for (const Group& group : scene.groups) {
             first_of_group.push_back(static_cast<std::uint32_t>(shapes.size()));
             for (const Mesh& m : group.meshes) {
@@ -34,15 +36,12 @@ struct ShapeList {
                                   s.emission, s.flip_normals ? -1.0f : 1.0f});
             }
         }
-        for (const Instance& instance : scene.instances) {
-            group_of_instance.push_back(instance.group);
+        for (const ShapeRecord& shape : shapes) {
+            material_of_shape.push_back(shape.material);
         }
-    }
-
-    const ShapeRecord& at(std::uint32_t instance, std::uint32_t geometry) const {
-        const std::uint32_t group =
-            instance == no_index ? 0 : group_of_instance[instance];
-        return shapes[first_of_group[group] + geometry];
+        for (const Instance& instance : scene.instances) {
+            first_of_instance.push_back(first_of_group[instance.group]);
+        }
     }
 };
 
