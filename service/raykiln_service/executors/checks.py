@@ -108,7 +108,7 @@ class CheckPool:
         limits = Confinement(
             readable=(str(scene.path if scene.alone else scene.base_dir),),
             writable=(),
-            memory_bytes=self._memory_bytes,
+            memory_bytes=self._memory_bytes + OWN_BYTES,
             file_bytes=0,
         )
         child.send(

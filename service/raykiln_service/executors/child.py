@@ -72,6 +72,7 @@ class Rendering:
         self._preview_spp = 0
         self._saved: tuple[int, int] | None = None
         self._denoises = False
+        self._stopping = False
 
     def run(self) -> None:
         """Render, and tell the supervisor how it ended."""
@@ -147,7 +148,12 @@ class Rendering:
             self._write_preview(progress.preview())
             took = time.monotonic() - now
             self._preview_at = now + max(_PREVIEW_S, took / _PREVIEW_SHARE)
-        return self._channel.stop_reason(self._token) is None
+        reason = self._channel.stop_reason(self._token)
+        if reason in _KEEPS_IMAGE and not self._stopping:
+            # So that the supervisor knows that this thread has heard it.
+            self._stopping = True
+            self._tell("progress", progress={"phase": "encode", "fraction": progress.fraction})
+        return reason is None
 
     def _tell_of_checkpoint(self) -> None:
         version = self._checkpoint_version()
@@ -171,7 +177,8 @@ class Rendering:
         self._tell("preview")
 
     def _write(self, result: rk.RenderResult) -> dict[str, Any]:
-        self._tell("progress", progress={"phase": "encode", "fraction": 1.0})
+        if not self._stopping:
+            self._tell("progress", progress={"phase": "encode", "fraction": 1.0})
         started = time.monotonic()
         folder = Path(self._task["work_dir"])
         result.save(folder / "image.exr")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from raykiln_service.executors.base import Outcome, OutcomeKind, Watcher
-from raykiln_service.executors.limits import MAX_FILE_BYTES, Sandbox
+from raykiln_service.executors.limits import MAX_FILE_BYTES, OWN_BYTES, Sandbox
 from raykiln_service.executors.process import JsonChild
 from raykiln_service.sandbox import Confinement
 
@@ -65,7 +65,7 @@ def _request(task: Gathering) -> Mapping[str, Any]:
     limits = Confinement(
         readable=(str(task.job_dir),),
         writable=(str(task.work_dir),),
-        memory_bytes=task.memory_bytes,
+        memory_bytes=task.memory_bytes + OWN_BYTES,
         file_bytes=MAX_FILE_BYTES,
     )
     return {

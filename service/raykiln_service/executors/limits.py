@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import resource
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
-# What a process holds besides its job: the interpreter, libraries and stacks.
-OWN_BYTES = 256 << 20
+# What a process holds besides its job: the interpreter, libraries, and a stack for each thread.
+OWN_BYTES = (256 << 20) + (16 << 20) * (os.cpu_count() or 1)
 # Nothing that is rendered is as large; what a scene might make endless ends here.
 MAX_FILE_BYTES = 32 << 30
 _LEAST_JOB_BYTES = 512 << 20

@@ -15,7 +15,7 @@ from typing import Any
 
 from raykiln_service.errors import StartupError
 from raykiln_service.executors.base import Outcome, OutcomeKind, Task, Watcher
-from raykiln_service.executors.limits import MAX_FILE_BYTES, Limits
+from raykiln_service.executors.limits import MAX_FILE_BYTES, OWN_BYTES, Limits
 from raykiln_service.executors.nursery import Nursery
 from raykiln_service.executors.pool import Worker, WorkerPool
 from raykiln_service.executors.process import JsonChild
@@ -187,7 +187,7 @@ class LocalExecutor:
         limits = Confinement(
             readable=(readable_of(task.scene_path, task.base_dir, task.checkpoint.parent),),
             writable=(str(worker.desk.path),),
-            memory_bytes=self.limits.memory_bytes,
+            memory_bytes=self.limits.memory_bytes + OWN_BYTES,
             file_bytes=MAX_FILE_BYTES,
         )
         return {"sandbox": self.limits.sandbox, "limits": limits.as_dict()}

@@ -18,9 +18,12 @@ _TICK_S = 0.1
 # How long a child may take to stop by itself; a shutdown also waits for its checkpoint.
 _GRACE_S = {StopReason.CANCEL: 0.6, StopReason.SHUTDOWN: 3.0, StopReason.LEASE_LOST: 0.0}
 _TIMEOUT_GRACE_S = 3.0
+# On a machine that is too busy, a child that is heard of gets more time to save its image.
+_ALIVE_S, _ALIVE_GRACE_S = 2.0, 5.0
 # An image that is stopped is kept, which is worth waiting for, until its first file is there.
 _ENCODE_GRACE_S = 10.0
 _SILENT_PHASES, _SILENCE_FACTOR = ("load", "encode"), 10
+_TALKING_PHASES = ("render", "denoise")
 _TIMEOUT = "timeout"
 _OUT_OF_MEMORY = "out-of-memory"
 
@@ -82,7 +85,7 @@ class Supervision:
         if now >= self._ends_at and not self._timed_out:
             self._timed_out = True
             self._stop(_TIMEOUT, _TIMEOUT_GRACE_S)
-        if now >= self._kill_at:
+        if now >= self._kill_at and not self._may_still_stop(now):
             return self._killed()
         used = private_bytes(self._child.pid)
         self._peak_bytes = max(self._peak_bytes, used)
@@ -109,9 +112,19 @@ class Supervision:
         self._kill_at = min(self._kill_at, ends)
         self._wait_for_image()
 
+    def _keeps_image(self) -> bool:
+        return self._reason is StopReason.CANCEL or (self._timed_out and self._reason is None)
+
+    def _may_still_stop(self, now: float) -> bool:
+        return (
+            self._keeps_image()
+            and self._phase in _TALKING_PHASES
+            and now - self._heard_at < _ALIVE_S
+            and now < self._grace_ends + _ALIVE_GRACE_S
+        )
+
     def _wait_for_image(self) -> None:
-        keeps = self._reason is StopReason.CANCEL or (self._timed_out and self._reason is None)
-        if keeps and self._phase == "encode" and self._partial is None:
+        if self._keeps_image() and self._phase == "encode" and self._partial is None:
             self._kill_at = max(self._kill_at, time.monotonic() + _ENCODE_GRACE_S)
 
     def _heard(self, message: Mapping[str, Any]) -> Outcome | None:

@@ -20,8 +20,6 @@ _MAX_OPEN_FILES = 4096
 _MAX_THREADS_IN_NAMESPACE = 2048
 # Address space is cheap, and thread stacks and arenas take plenty that is never touched.
 _ADDRESS_SPACE_FACTOR, _ADDRESS_SPACE_EXTRA = 4, 16 << 30
-# What libraries and stacks take before a scene is read.
-_DATA_EXTRA = 256 << 20
 
 # What a library may look up about the machine, and no secrets of it.
 _SYSTEM_FILES = (
@@ -53,6 +51,7 @@ class Confinement:
     writable: tuple[str, ...]
     """Folders of its own."""
     memory_bytes: int
+    """With what the interpreter, libraries and stacks take."""
     file_bytes: int
     """Largest file it may write."""
 
@@ -111,7 +110,11 @@ def system_folders(private: tuple[str, ...] = ()) -> list[Path]:
 @cache
 def _code_folders() -> tuple[Path, ...]:
     found = {Path(p).resolve() for p in (*sys.path, sys.prefix, sys.base_prefix, *_LIBRARIES) if p}
-    return tuple(sorted(path for path in found if path.exists()))
+    for folder in tuple(found):
+        # A compiled module may be a link to where it was built.
+        with contextlib.suppress(OSError):
+            found |= {so.resolve() for so in (folder / "raykiln").iterdir() if so.suffix == ".so"}
+    return tuple(sorted(found))
 
 
 def _report(layer: Callable[[], str | None], name: str = "") -> str:
@@ -123,10 +126,9 @@ def _report(layer: Callable[[], str | None], name: str = "") -> str:
 
 
 def _limit(to: Confinement) -> str:
-    memory = to.memory_bytes + _DATA_EXTRA
     _lower(resource.RLIMIT_CORE, 0)
-    _lower(resource.RLIMIT_DATA, memory)
-    _lower(resource.RLIMIT_AS, _ADDRESS_SPACE_FACTOR * memory + _ADDRESS_SPACE_EXTRA)
+    _lower(resource.RLIMIT_DATA, to.memory_bytes)
+    _lower(resource.RLIMIT_AS, _ADDRESS_SPACE_FACTOR * to.memory_bytes + _ADDRESS_SPACE_EXTRA)
     _lower(resource.RLIMIT_FSIZE, to.file_bytes)
     _lower(resource.RLIMIT_NOFILE, _MAX_OPEN_FILES)
     return "memory, address space, file size, open files, no core"

@@ -56,7 +56,7 @@ def restrict(readable: Iterable[Path], writable: Iterable[Path]) -> int:
     try:
         for rights, paths in ((_READ, readable), (_WRITE, writable)):
             for path in paths:
-                with suppress(FileNotFoundError, PermissionError):
+                with suppress(FileNotFoundError, NotADirectoryError, PermissionError):
                     _allow(ruleset, path, rights & handled)
         syscall(_RESTRICT_SELF, ruleset, 0)
     finally:
