@@ -49,6 +49,7 @@ from raykiln_service.rows import Asset
 from raykiln_service.store import Store
 
 SCENE_SUFFIXES = tuple(READERS)
+_LOCKS = 64
 _MAGIC = ((b"glTF", ".glb"), (b"ply", ".ply"), (b"PK", ".zip"), (b"{", ".json"), (b"<", ".xml"))
 
 
@@ -117,7 +118,8 @@ class AssetStore:
         self.root = data_dir
         self.tmp = data_dir / "tmp"
         self._bundles = data_dir / "bundles"
-        self._lock = threading.Lock()
+        # Unpacking may take long: it must not hold up the scenes of others.
+        self._locks = [threading.Lock() for _ in range(_LOCKS)]
 
     def prepare(self) -> None:
         """Make the folders, and drop what an earlier service left unfinished."""
@@ -269,7 +271,7 @@ class AssetStore:
 
     def _unpacked(self, asset: Asset) -> Path:
         place = self._bundles / asset.id.removeprefix("sha256:")
-        with self._lock:
+        with self._locks[hash(place.name) % _LOCKS]:
             if not place.exists():
                 work = self.tmp / f"bundle-{secrets.token_hex(8)}"
                 work.mkdir()
@@ -283,7 +285,7 @@ class AssetStore:
     def _linked(self, asset: Asset, entry: str) -> Path:
         name_hash = hashlib.sha256(entry.encode()).hexdigest()[:16]
         place = self._bundles / f"{asset.id.removeprefix('sha256:')}-{name_hash}"
-        with self._lock:
+        with self._locks[hash(place.name) % _LOCKS]:
             if not place.exists():
                 work = self.tmp / f"link-{secrets.token_hex(8)}"
                 work.mkdir()

@@ -39,7 +39,7 @@ def unpack(archive: Path, folder: Path, limits: BundleLimits) -> None:
     _check_directory_size(archive, limits)
     try:
         with zipfile.ZipFile(archive) as bundle:
-            entries = list(_checked(bundle, limits))
+            entries = list(_checked(bundle, limits, archive.stat().st_size))
             for info, name in entries:
                 _extract(bundle, info, folder.joinpath(*name.parts))
     except (zipfile.BadZipFile, zlib.error, EOFError, struct.error, ValueError) as error:
@@ -59,7 +59,7 @@ def _inside(error: OSError, folder: Path) -> str:
 
 
 def _checked(
-    bundle: zipfile.ZipFile, limits: BundleLimits
+    bundle: zipfile.ZipFile, limits: BundleLimits, archive_bytes: int
 ) -> Iterator[tuple[zipfile.ZipInfo, PurePosixPath]]:
     infos = bundle.infolist()
     if len(infos) > limits.entries:
@@ -68,7 +68,7 @@ def _checked(
             found=str(len(infos)),
             accepted=f"at most {limits.entries}",
         )
-    total = 0
+    total = packed = 0
     seen = set()
     for info in infos:
         name = _checked_name(info)
@@ -81,6 +81,12 @@ def _checked(
                 "the zip bundle unpacks to too much",
                 accepted=f"at most {limits.total_bytes} bytes",
             )
+        packed += info.compress_size
+        if packed > archive_bytes:
+            # Entries that share their bytes make a bomb whose every part looks harmless.
+            raise InvalidAssetError(
+                "the zip bundle has entries that overlap", found=str(info.filename)
+            )
         if name in seen:
             raise InvalidAssetError("the zip bundle has an entry twice", found=str(name))
         seen.add(name)
@@ -88,10 +94,11 @@ def _checked(
 
 
 def _checked_name(info: zipfile.ZipInfo) -> PurePosixPath:
-    raw = info.filename
+    # What zipfile hands out ends at the first NUL.
+    raw = info.orig_filename if "\0" in info.orig_filename else info.filename
     name = PurePosixPath(raw)
     parts = raw.rstrip("/").split("/")
-    windows = "\\" in raw or (len(parts[0]) == 2 and parts[0][1] == ":")
+    windows = "\\" in raw or parts[0][1:2] == ":"
     bad_part = any(p in ("", ".", "..") or len(p.encode()) > 255 for p in parts)
     if bad_part or windows or len(parts) > _MAX_DEPTH or not raw.isprintable():
         raise InvalidAssetError(

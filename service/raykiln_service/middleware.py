@@ -15,6 +15,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from raykiln_service.access import LOCAL, NOBODY, STATIC, Caller
 from raykiln_service.errors import (
     ForbiddenError,
+    MalformedRequestError,
     RequestTimeoutError,
     ServiceError,
     TooLargeError,
@@ -59,6 +60,9 @@ class Guard:
         headers = Headers(scope=scope)
         limit = self._limit_bytes(scope["path"])
         try:
+            if "\0" in scope["path"] or b"%00" in scope.get("query_string", b""):
+                # No name has it, and not every database can even look for it.
+                raise MalformedRequestError("the URL has a NUL character")
             caller = await self._caller(scope["path"], headers)
             self._rates.check(caller)
             if caller in (LOCAL, NOBODY):
@@ -119,6 +123,12 @@ class Guard:
 
 def _check_length(headers: Headers, limit: int) -> None:
     length = headers.get("content-length", "")
+    if length and "transfer-encoding" in headers:
+        # A proxy before the service might take the other one for the body's end.
+        raise MalformedRequestError(
+            "the request has both Content-Length and Transfer-Encoding",
+            headers={"Connection": "close"},
+        )
     if length.isdigit() and int(length) > limit:
         raise TooLargeError(found=f"{length} bytes", accepted=f"at most {limit} bytes")
 

@@ -12,7 +12,9 @@ from raykiln.settings import RenderSettings
 from raykiln_service.jobs import Job, JobState
 from raykiln_service.schemas_frames import FrameChoice, FramesView
 
-LabelText = Annotated[str, StringConstraints(min_length=1, max_length=200)]
+_NO_CONTROLS = r"^[^\x00-\x1f\x7f]*$"
+LabelText = Annotated[str, StringConstraints(min_length=1, max_length=200, pattern=_NO_CONTROLS)]
+LabelValue = Annotated[str, StringConstraints(max_length=200, pattern=_NO_CONTROLS)]
 OutputKind = Literal["exr", "png", "contact_sheet", "webp", "mp4"]
 
 
@@ -77,7 +79,7 @@ class JobRequest(BaseModel):
     cache: bool = True
     """Whether the result of an identical job may be the answer; false = render in any case."""
     labels: Annotated[
-        dict[LabelText, Annotated[str, Field(max_length=200)]], Field(max_length=32)
+        dict[LabelText, LabelValue], Field(max_length=32)
     ] = Field(default_factory=dict)
     """Names and values to find the job by."""
 
