@@ -10,6 +10,7 @@ import argparse
 import json
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -81,39 +82,45 @@ def _measure(given: argparse.Namespace, work: Path) -> dict[str, Any]:
     parts = {"scenes": _scenes, "processes": _processes, "replay": _replay}
     for part, function in parts.items():
         if given.only in (None, part):
-            function(benches, results)
-            path.write_text(json.dumps(results, indent=1) + "\n")
+            for _ in function(benches, results):
+                # Kept after each scene: an hour's work should not hang on the last minute.
+                path.write_text(json.dumps(results, indent=1) + "\n")
     return results
 
 
-def _scenes(benches: dict[str, Bench], results: dict[str, Any]) -> None:
+def _scenes(benches: dict[str, Bench], results: dict[str, Any]) -> Iterator[None]:
     kept = results.setdefault("scenes", {})
     for name, bench in benches.items():
         reference, facts = bench.reference()
         kept[name] = {"reference": facts, "contenders": bench.in_turn(reference)}
+        yield
 
 
-def _processes(benches: dict[str, Bench], results: dict[str, Any]) -> None:
+def _processes(benches: dict[str, Bench], results: dict[str, Any]) -> Iterator[None]:
     whole = results.setdefault("whole", {})
     for name, bench in benches.items():
         say(f"{name}: whole processes")
         if name == "cornell":
             results["cold"] = bench.cold()
         whole[name] = bench.whole(bench.plan.runs if name == "cornell" else 1)
+        yield
     if "displaced_sphere" in benches:
         say("reading and building 1.3 M triangles")
         bench = benches["displaced_sphere"]
         results["loading"] = bench.loading(bench.plan.runs)
+        yield
     children = next(iter(benches.values())).children
     engines = ("raykiln", "mitsuba", "cycles", "luxcore")
     results["import_s"] = {e: [children.import_s(e) for _ in range(3)] for e in engines}
+    yield
 
 
-def _replay(benches: dict[str, Bench], results: dict[str, Any]) -> None:
+def _replay(benches: dict[str, Bench], results: dict[str, Any]) -> Iterator[None]:
     kept = results.setdefault("replay", {})
     for name, bench in benches.items():
         say(f"{name}: replaying the rays with the bare ray tracer")
         kept[name] = replay.measure(bench)
+        yield
 
 
 def _publish(results: dict[str, Any], python: Path) -> None:

@@ -17,7 +17,7 @@ from quality import Reference, agreement
 Json = dict[str, Any]
 
 WHOLE_SPP = 64
-CALIBRATION_SPP = 16
+CALIBRATION_SPP = 4
 REFERENCE_CHUNK_S = 15.0
 REFERENCE_SEED = 1_000_000
 
@@ -67,6 +67,7 @@ class Bench:
 
     def calibrated_spp(self, contender: Contender, seconds: float) -> int:
         """Samples per pixel for a run of about `seconds`."""
+        say(f"{self.scene.name}: {contender.title}, how quick it is")
         spp = CALIBRATION_SPP
         result = self.run(contender, spp=spp)
         rate = result["spp"] / max(result["render_s"], 1e-3)
@@ -178,5 +179,6 @@ class Bench:
         done: Json = {c.key: [] for c in taking_part}
         for _ in range(runs):
             for contender in taking_part:
-                done[contender.key].append(self.run(contender, task="load", spp=1))
+                # LuxCore loads only to render: of 16 x 16 pixels that is nothing.
+                done[contender.key].append(self.run(contender, task="load", size=16, spp=1))
         return done

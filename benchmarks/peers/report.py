@@ -76,7 +76,7 @@ def as_text(results: Json) -> str:
         sections.append(_geometric_mean(results))
     if "whole" in results:
         sections += ["### Whole processes, 64 samples a pixel", _whole(results)]
-    if "loading" in results:
+    if "loading" in results and "import_s" in results:
         sections += ["### Reading and building 1.3 M triangles; importing", _loading(results)]
     if "replay" in results:
         sections += ["### Against bare Embree on the same rays", str(_replay(results))]

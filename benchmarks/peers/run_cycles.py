@@ -186,7 +186,6 @@ elif given["task"] == "load":
         scene.render.engine = "CYCLES"
         scene.camera = camera(json.loads((folder / "neutral.json").read_text()))
         bpy.context.collection.objects.link(scene.camera)
-        given |= {"size": 4}
         rendered(1, None)
     finish(given, {**clock.seconds, "version": bpy.app.version_string})
 else:
@@ -195,9 +194,9 @@ else:
     path = given["exr"] or given["result"] + ".exr"
     if given["task"] == "render":
         # What goes before the first sample is done once here, and measured again to be taken off.
-        rendered(1, None)
+        rendered(1, path)
         with clock.phase("first_sample_s"):
-            rendered(1, None)
+            rendered(1, path)
     with clock.phase("render_s"):
         rendered(given["spp"], path)
     if given["task"] == "render":

@@ -71,7 +71,9 @@ session.UpdateStats()
 stats = session.GetStats()
 outcome = {
     "version": lux.Version(),
-    "spp": stats.Get("stats.renderengine.pass").GetInt(),
+    # It may take some more than it was asked for.
+    "spp": stats.Get("stats.renderengine.total.samplecount").GetFloat() / given["size"] ** 2,
+    "passes": stats.Get("stats.renderengine.pass").GetInt(),
     "engine_s": stats.Get("stats.renderengine.time").GetFloat(),
 }
 if given["task"] == "load":
