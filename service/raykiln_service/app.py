@@ -6,6 +6,7 @@ import asyncio
 import errno
 import signal
 import socket
+import sys
 import threading
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
@@ -13,6 +14,7 @@ from types import FrameType
 
 import raykiln as rk
 import uvicorn
+from anyio import to_thread
 from fastapi import Depends, FastAPI, Request, Response
 from fastapi.exceptions import RequestValidationError
 from raykiln.errors import pointer_of, shorten
@@ -41,6 +43,8 @@ from raykiln_service.settings import ServiceSettings
 
 _DRAIN_S = 2
 _UPKEEP_S = 600.0
+_THREADS = 16
+_SWITCH_S = 0.001
 _NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
 
 
@@ -49,6 +53,8 @@ def create_app(service: Service) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(_app: FastAPI) -> AsyncIterator[None]:
+        # More threads than this only take turns with the event loop, which must stay quick.
+        to_thread.current_default_thread_limiter().total_tokens = _THREADS
         await run_in_threadpool(service.start)
         upkeep = asyncio.create_task(_keep_up(service))
         yield
@@ -98,6 +104,7 @@ def serve(settings: ServiceSettings) -> None:
         A used port, a data folder in use, no token for a public address.
     """
     logs.configure(settings.log_format)
+    sys.setswitchinterval(_SWITCH_S)
     listener = _bind(settings.host, settings.port)
     with listener:
         service = Service(settings)

@@ -25,6 +25,7 @@ from raykiln_service.client.models import (
 DEFAULT_SERVER = "http://127.0.0.1:8000"
 RETRY_STATUS = frozenset({429, 502, 503, 504})
 MAX_RETRY_AFTER_S = 30.0
+_IN_FLIGHT = "urn:raykiln:problem:idempotency-in-flight"
 READ_TIMEOUT_S = 60.0
 """An event stream that is silent for longer is taken up anew."""
 
@@ -66,7 +67,9 @@ def may_retry(error: Exception, call: Call) -> bool:
     if isinstance(error, httpx.ConnectError | httpx.ConnectTimeout):
         return True
     if isinstance(error, ServerError):
-        return call.repeatable and error.status in RETRY_STATUS
+        # The first try of this very request may still be under way.
+        in_flight = error.problem.get("type") == _IN_FLIGHT
+        return call.repeatable and (error.status in RETRY_STATUS or in_flight)
     return call.repeatable and isinstance(error, httpx.TransportError)
 
 
