@@ -97,7 +97,8 @@ class Rendering:
         _limit_memory(self._task["memory_bytes"])
         prepared, warm = self._shelf.get(self._task)
         settings = rk.RenderSettings.create(**self._settings())
-        if self._channel.stop_reason(self._token):
+        reason = self._channel.stop_reason(self._token)
+        if reason and not (reason in _KEEPS_IMAGE and self._checkpoint_version()):
             return "stopped", None
         self._denoises = settings.over(prepared.scene.settings).denoise
         result = self._resumed(prepared, settings)

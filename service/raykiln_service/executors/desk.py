@@ -32,11 +32,17 @@ class Desk:
         self._carried: tuple[int, int] | None = None
         self.path.mkdir(mode=0o700, parents=True)
 
+    def clear(self) -> None:
+        """Take everything off it."""
+        for left in self.path.iterdir():
+            if left.is_dir() and not left.is_symlink():
+                remove_tree(left)
+            else:
+                left.unlink(missing_ok=True)
+
     def lay_out(self, checkpoint: Path) -> None:
         """Clear it, and put a task's checkpoint on it if there is one."""
-        remove_tree(self.out)
-        for left in (self.checkpoint, self.preview):
-            left.unlink(missing_ok=True)
+        self.clear()
         self.out.mkdir()
         if checkpoint.exists():
             _put(checkpoint, self.checkpoint, _link)

@@ -145,6 +145,8 @@ class LocalExecutor:
             raise
         worker.child.on_line = None
         if outcome.kind is OutcomeKind.DONE:
+            # What lies there would outlive the job's deletion.
+            worker.desk.clear()
             self._pool.give_back(worker)
         else:
             self._pool.discard(worker)

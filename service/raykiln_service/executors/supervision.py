@@ -17,7 +17,7 @@ from raykiln_service.executors.pool import Worker
 _TICK_S = 0.1
 # How long a child may take to stop by itself; a shutdown also waits for its checkpoint.
 _GRACE_S = {StopReason.CANCEL: 0.6, StopReason.SHUTDOWN: 3.0, StopReason.LEASE_LOST: 0.0}
-_TIMEOUT_GRACE_S = 3.0
+_TIMEOUT_GRACE_S = 10.0
 # On a machine that is too busy, a child that is heard of gets more time to save its image.
 _ALIVE_S, _ALIVE_GRACE_S = 2.0, 5.0
 # An image that is stopped is kept, which is worth waiting for, until its first file is there.
@@ -106,8 +106,10 @@ class Supervision:
 
     def _stop(self, reason: str, grace_s: float) -> None:
         self._child.send({"type": "stop", "token": self._task.token, "reason": reason})
-        # There is nothing to keep of a scene that is being loaded, and no way to stop it.
-        ends = time.monotonic() + (0.0 if self._phase == "load" else grace_s)
+        # Loading cannot be stopped, and leads to nothing that is worth keeping, unless an earlier
+        # attempt left an image.
+        nothing = self._phase == "load" and not self._task.checkpoint.exists()
+        ends = time.monotonic() + (0.0 if nothing else grace_s)
         self._grace_ends = min(self._grace_ends, ends)
         self._kill_at = min(self._kill_at, ends)
         self._wait_for_image()

@@ -174,6 +174,17 @@ class TestTime:
             client.post(f"/v1/jobs/{job_id}/cancel").raise_for_status()
         server.wait_for_end(job_id)
 
+    def test_a_job_whose_time_is_over_at_once_keeps_its_image(self, serve: Any, ball: Any) -> None:
+        server = serve(heartbeat_s=0.1, checkpoint_interval_s=0.0)
+        job_id = server.submit(scene={"inline": ball}, settings=ENDLESS)["id"]
+        server.wait_for(job_id, lambda view: (view["progress"]["spp_done"] or 0) >= 8)
+        server.wait_for(job_id, lambda view: view["used_s"] >= 0.5)
+        server.kill_all()
+        server = serve(max_job_s=0.1)
+        job = server.wait_for_end(job_id)
+        assert (job["error"]["reason"], job["complete"]) == ("timeout", False)
+        assert job["stats"]["spp"] >= 1
+
     def test_a_child_that_hangs_is_one_lost_attempt(self, serve: Any, ball: Any) -> None:
         server = serve(silence_timeout_s=1.0)
         settings = {**SMALL, "spp": 20000}
@@ -238,7 +249,7 @@ def test_nothing_is_left_on_the_desks(serve: Any, ball: Any) -> None:
     done(server, scene={"inline": ball}, settings=SMALL)
     desks = list((server.data_dir / "tmp").glob("desk-*"))
     assert len(desks) == 1
-    assert [path.name for path in (desks[0] / "out").iterdir()] == []
+    assert list(desks[0].iterdir()) == []
     assert server.stop() == 0
     assert list((server.data_dir / "tmp").glob("desk-*")) == []
     deadline = time.monotonic() + 10
