@@ -210,6 +210,10 @@ TEST(WideNumber, Gathers) {
     EXPECT_SAME_LANES(gather(uints, i & U(1023u)));
     EXPECT_SAME_LANES(gather(m, floats, i & U(1023u), y));
     EXPECT_SAME_LANES(gather(m, uints, i & U(1023u), j));
+    EXPECT_SAME_LANES(gather4(floats, i & U(1020u))[0]);
+    EXPECT_SAME_LANES(gather4(floats, i & U(1020u))[1]);
+    EXPECT_SAME_LANES(gather4(floats, i & U(1020u))[2]);
+    EXPECT_SAME_LANES(gather4(floats, (i & U(1023u)) - min(i & U(1023u), U(3u)))[3]);
     // Where the mask is not set, the index may be anything.
     EXPECT_SAME_LANES(gather(i < U(1024u), floats, i, y));
     EXPECT_SAME_LANES(gather(i < U(1024u), uints, i, j));

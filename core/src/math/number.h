@@ -140,6 +140,10 @@ inline std::uint32_t gather(bool mask, const std::uint32_t* base, std::uint32_t 
                             std::uint32_t otherwise) {
     return mask ? base[index] : otherwise;
 }
+/// base[index .. index + 3] in each lane.
+inline std::array<float, 4> gather4(const float* base, std::uint32_t index) {
+    return {base[index], base[index + 1], base[index + 2], base[index + 3]};
+}
 /// base[index] = value where the mask is set; of equal indices the highest lane stays.
 inline void scatter(bool mask, float* base, std::uint32_t index, float value) {
     if (mask) {

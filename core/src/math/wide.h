@@ -234,6 +234,12 @@ inline WideUint gather(WideMask m, const std::uint32_t* base, WideUint index,
                        WideUint otherwise) {
     return WideUint(WideIsa::gather(m.v, base, index.v, otherwise.v), 0);
 }
+/// base[index .. index + 3] in each lane; cheaper than four gathers.
+inline std::array<Wide, 4> gather4(const float* base, WideUint index) {
+    WideIsa::Float x[4];
+    WideIsa::gather4(base, index.v, x);
+    return {Wide(x[0], 0), Wide(x[1], 0), Wide(x[2], 0), Wide(x[3], 0)};
+}
 /// base[index] = value where the mask is set; of equal indices the highest lane stays.
 inline void scatter(WideMask m, float* base, WideUint index, Wide value) {
     WideIsa::scatter(m.v, base, index.v, value.v);

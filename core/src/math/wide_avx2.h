@@ -3,6 +3,7 @@
 #include <immintrin.h>
 
 #include <cstdint>
+#include <cstring>
 
 // What math/wide.h asks of an instruction set: here AVX2 with FMA (x86-64-v3), 8 lanes.
 
@@ -75,6 +76,33 @@ struct WideIsa {
             const int lane = __builtin_ctz(rest);
             base[index[lane]] = value[lane];
         }
+    }
+    /// base[index + 0 .. 3] in each lane: four loads of 16 bytes, transposed.
+    static void gather4(const float* base, Uint index, Float (&out)[4]) {
+        std::uint32_t at[width];
+        std::memcpy(at, &index, sizeof(at));
+        __m256 row[4];
+        for (int i = 0; i < 4; ++i) {
+            row[i] =
+                _mm256_insertf128_ps(_mm256_castps128_ps256(_mm_loadu_ps(base + at[i])),
+                                     _mm_loadu_ps(base + at[i + 4]), 1);
+        }
+        const __m256 a = _mm256_unpacklo_ps(row[0], row[1]);
+        const __m256 b = _mm256_unpackhi_ps(row[0], row[1]);
+        const __m256 c = _mm256_unpacklo_ps(row[2], row[3]);
+        const __m256 d = _mm256_unpackhi_ps(row[2], row[3]);
+        const auto low = [](__m256 x, __m256 y) {
+            return reinterpret_cast<Float>(_mm256_unpacklo_pd(
+                reinterpret_cast<__m256d>(x), reinterpret_cast<__m256d>(y)));
+        };
+        const auto high = [](__m256 x, __m256 y) {
+            return reinterpret_cast<Float>(_mm256_unpackhi_pd(
+                reinterpret_cast<__m256d>(x), reinterpret_cast<__m256d>(y)));
+        };
+        out[0] = low(a, c);
+        out[1] = high(a, c);
+        out[2] = low(b, d);
+        out[3] = high(b, d);
     }
     /// The lanes of the mask moved to the front; the others are unspecified.
     static Uint compress(Mask m, Uint value) {

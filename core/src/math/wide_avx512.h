@@ -3,6 +3,7 @@
 #include <immintrin.h>
 
 #include <cstdint>
+#include <cstring>
 
 // What math/wide.h asks of an instruction set: here AVX-512 (x86-64-v4), 16 lanes.
 
@@ -78,6 +79,37 @@ struct WideIsa {
     }
     static void scatter(Mask m, std::uint32_t* base, Uint index, Uint value) {
         _mm512_mask_i32scatter_epi32(base, m, raw(index), raw(value), 4);
+    }
+    /// base[index + 0 .. 3] in each lane: four loads of 16 bytes, transposed.
+    static void gather4(const float* base, Uint index, Float (&out)[4]) {
+        std::uint32_t at[width];
+        std::memcpy(at, &index, sizeof(at));
+        __m512 row[4];
+        for (int i = 0; i < 4; ++i) {
+            __m512 x = _mm512_zextps128_ps512(_mm_loadu_ps(base + at[i]));
+            x = _mm512_maskz_insertf32x4(every_lane, x, _mm_loadu_ps(base + at[i + 4]),
+                                         1);
+            x = _mm512_maskz_insertf32x4(every_lane, x, _mm_loadu_ps(base + at[i + 8]),
+                                         2);
+            row[i] = _mm512_maskz_insertf32x4(every_lane, x,
+                                              _mm_loadu_ps(base + at[i + 12]), 3);
+        }
+        const __m512 a = _mm512_maskz_unpacklo_ps(every_lane, row[0], row[1]);
+        const __m512 b = _mm512_maskz_unpackhi_ps(every_lane, row[0], row[1]);
+        const __m512 c = _mm512_maskz_unpacklo_ps(every_lane, row[2], row[3]);
+        const __m512 d = _mm512_maskz_unpackhi_ps(every_lane, row[2], row[3]);
+        const auto low = [](__m512 x, __m512 y) {
+            return reinterpret_cast<Float>(_mm512_maskz_unpacklo_pd(
+                0xff, reinterpret_cast<__m512d>(x), reinterpret_cast<__m512d>(y)));
+        };
+        const auto high = [](__m512 x, __m512 y) {
+            return reinterpret_cast<Float>(_mm512_maskz_unpackhi_pd(
+                0xff, reinterpret_cast<__m512d>(x), reinterpret_cast<__m512d>(y)));
+        };
+        out[0] = low(a, c);
+        out[1] = high(a, c);
+        out[2] = low(b, d);
+        out[3] = high(b, d);
     }
     /// The lanes of the mask moved to the front; the others are 0.
     static Uint compress(Mask m, Uint value) {
