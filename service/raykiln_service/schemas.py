@@ -138,7 +138,7 @@ class ProgressView(BaseModel):
     """How far a job has come."""
 
     phase: str
-    """waiting, load, render, encode, gather or done."""
+    """waiting, load, render, denoise, encode, gather or done."""
     fraction: float
     spp_done: int | None = None
     spp: int | None = None

@@ -80,7 +80,7 @@ class JobProgress(Model):
     """How far a job has come."""
 
     phase: str = ""
-    """waiting, load, render, encode, gather or done."""
+    """waiting, load, render, denoise, encode, gather or done."""
     fraction: float = 0.0
     """0 to 1."""
     spp_done: int | None = None
