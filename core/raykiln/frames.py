@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -10,9 +11,9 @@ from numpy.typing import NDArray
 
 from raykiln.errors import SettingsError
 from raykiln.scene import LookAt, PerspectiveCamera, Scene, Vec3, look_at_matrix
-from raykiln.studio import rows, scene_points, three_quarter_camera
+from raykiln.studio import rows, scene_points, shape_points, three_quarter_camera
 
-__all__ = ["center_of", "frame_times", "orbit", "turntable"]
+__all__ = ["frame_times", "orbit", "targets_of", "turntable"]
 
 Axis = Literal["x", "y", "z"]
 Matrix = NDArray[np.float64]
@@ -51,8 +52,7 @@ def turntable(
         Angle of the camera above the plane through `target` across the axis: the camera is put
         there at its distance, and looks at `target`.  None = it keeps its height and direction.
     target
-        What to turn about; None = what the camera looks at if its `look_at` says so, else the
-        centre of the scene's bounds.
+        What to turn about; None = what the camera looks at, see `targets_of`.
     camera
         Name of the scene's camera to start from; None = the first.
 
@@ -62,7 +62,6 @@ def turntable(
         No such camera, a number out of range, or no direction to put an elevated camera in.
     """
     base = _camera_of(scene, camera)
-    center = None if target is None and base.look_at is not None else target or center_of(scene)
     return orbit(
         base,
         count,
@@ -70,7 +69,7 @@ def turntable(
         degrees=degrees,
         start_degrees=start_degrees,
         elevation_degrees=elevation_degrees,
-        target=center,
+        target=targets_of(scene, [base])[0] if target is None else target,
     )
 
 
@@ -82,17 +81,13 @@ def orbit(
     degrees: float = 360.0,
     start_degrees: float = 0.0,
     elevation_degrees: float | None = None,
-    target: Vec3 | None = None,
+    target: Vec3,
 ) -> list[PerspectiveCamera]:
-    """The cameras of `turntable` from a camera alone; `target` None = its `look_at` target."""
+    """The cameras of `turntable` from a camera alone."""
     if not 1 <= count <= MAX_COUNT:
         raise SettingsError(f"count: out of range (found {count}); accepted: 1 to {MAX_COUNT}")
     if axis not in ("x", "y", "z"):
         raise SettingsError(f"axis: no such axis (found {axis!r}); accepted: x, y, z")
-    if target is None:
-        if camera.look_at is None:
-            raise SettingsError("target: the camera has none of its own, so one must be given")
-        target = camera.look_at.target
     for name, value in (("degrees", degrees), ("start_degrees", start_degrees)):
         if not math.isfinite(value):
             raise SettingsError(f"{name}: not a finite number (found {value})")
@@ -112,11 +107,62 @@ def orbit(
     return made
 
 
-def center_of(scene: Scene) -> Vec3:
-    """The centre of the bounds of a scene's shapes."""
+def targets_of(scene: Scene, cameras: Sequence[PerspectiveCamera]) -> list[Vec3]:
+    """What each camera looks at.
+
+    That is the target of its `look_at`; else the centre of the scene's bounds, if the scene is
+    something to look at from outside; else the centre of what stands in the middle of the image,
+    where a floor, a backdrop or a room that surrounds the view does not count.
+    """
+    boxes = [
+        np.stack([points.min(axis=0), points.max(axis=0)])
+        for points in (np.concatenate(parts) for parts in shape_points(scene))
+    ]
     points = scene_points(scene)
-    x, y, z = ((points.min(axis=0) + points.max(axis=0)) / 2).tolist()
-    return (x, y, z)
+    whole = np.stack([points.min(axis=0), points.max(axis=0)])
+    return [_vector(_target(camera, whole, boxes)) for camera in cameras]
+
+
+def _target(camera: PerspectiveCamera, whole: Matrix, boxes: list[Matrix]) -> Matrix:
+    if camera.look_at is not None:
+        return np.array(camera.look_at.target, np.float64)
+    matrix = _world_from_camera(camera)
+    eye, forward = matrix[:3, 3], -matrix[:3, 2] / np.linalg.norm(matrix[:3, 2])
+    center: Matrix = whole.mean(axis=0)
+    if not _surrounds(whole, eye):
+        return center
+    hits = [(t, box) for box in boxes if (t := _entry(box, eye, forward)) is not None]
+    hits = [(t, box) for t, box in hits if not _surrounds(box, eye)]
+    if not hits:
+        # The point of the line of sight that is nearest to the middle of it all.
+        return eye + forward * max(float((center - eye) @ forward), 1e-3)
+    nearest = min(hits, key=lambda hit: hit[0])[1]
+    # A label on a mug is a thing of its own: take the largest of what overlaps.
+    touching = [box for _, box in hits if _overlap(box, nearest)]
+    chosen: Matrix = max(touching, key=_diagonal).mean(axis=0)
+    return chosen
+
+
+def _diagonal(box: Matrix) -> float:
+    return float(np.linalg.norm(box[1] - box[0]))
+
+
+def _surrounds(box: Matrix, eye: Matrix) -> bool:
+    """Whether a box is so near and large that one looks from within rather than at it."""
+    return _diagonal(box) > 2 * float(np.linalg.norm(box.mean(axis=0) - eye))
+
+
+def _overlap(one: Matrix, other: Matrix) -> bool:
+    return bool((one[0] <= other[1]).all() and (other[0] <= one[1]).all())
+
+
+def _entry(box: Matrix, eye: Matrix, forward: Matrix) -> float | None:
+    """Where a ray enters a box, as a distance; None if it does not."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        t = (box - eye) / forward
+    low, high = np.fmin(t[0], t[1]), np.fmax(t[0], t[1])
+    enters, leaves = float(np.nanmax(low)), float(np.nanmin(high))
+    return enters if max(enters, 0.0) <= leaves else None
 
 
 def frame_times(start_s: float, end_s: float, fps: float) -> list[float]:

@@ -92,6 +92,14 @@ def scene_points(scene: Scene) -> Array:
     return np.array([[-1.0, -1.0, -1.0], [1.0, 1.0, 1.0]])
 
 
+def shape_points(scene: Scene) -> Iterator[list[Array]]:
+    """Points that span each shape of a scene that has any, in world space."""
+    for shape in scene.shapes:
+        parts = [p[np.isfinite(p).all(axis=1)] for p in _shape_points(scene, shape)]
+        if any(len(part) for part in parts):
+            yield parts
+
+
 def _shape_points(scene: Scene, shape: Any) -> Iterator[Array]:
     if isinstance(shape, Instance):
         inner = [p for s in scene.groups.get(shape.group, []) for p in _shape_points(scene, s)]

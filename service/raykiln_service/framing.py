@@ -33,7 +33,7 @@ def plan_frames(
     given, settings
         The render settings of the request, and as they will be, the scene's own included.
     report
-        What the scene check found: cameras, views, center, time_range_s.
+        What the scene check found: cameras, views, targets, time_range_s.
 
     Raises
     ------
@@ -107,14 +107,12 @@ def _of_cameras(wanted: list[str] | str, known: Sequence[str]) -> list[Frame]:
 
 def _of_turntable(turn: Turntable, base: str | None, report: Mapping[str, Any]) -> list[Frame]:
     names = report["cameras"]
-    view = PerspectiveCamera.model_validate(report["views"][names.index(base) if base else 0])
-    target = turn.target
-    if target is None and view.look_at is None:
-        x, y, z = report["center"]
-        target = (x, y, z)
+    index = names.index(base) if base else 0
+    view = PerspectiveCamera.model_validate(report["views"][index])
+    x, y, z = turn.target or report["targets"][index]
     options = turn.model_dump(exclude={"count", "target"})
     try:
-        cameras = orbit(view, turn.count, target=target, **options)
+        cameras = orbit(view, turn.count, target=(x, y, z), **options)
     except SettingsError as error:
         name, _, text = str(error).partition(": ")
         raise InvalidRequestError(text or name, pointer=f"/frames/turntable/{name}") from None

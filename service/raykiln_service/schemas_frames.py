@@ -32,7 +32,7 @@ class Turntable(BaseModel):
     elevation_degrees: Annotated[float, Field(gt=-90, lt=90)] | None = None
     """Height of the camera as an angle above the target; null = as the scene's camera stands."""
     target: tuple[Coordinate, Coordinate, Coordinate] | None = None
-    """What to turn about; null = what the camera looks at, else the centre of the bounds."""
+    """What to turn about; null = what the camera looks at."""
 
 
 class TimeRange(BaseModel):

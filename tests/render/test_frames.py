@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import raykiln as rk
-from raykiln.frames import center_of, frame_times, orbit
+from raykiln.frames import frame_times, targets_of
 from raykiln.scene import look_at_matrix
 
 
@@ -58,15 +58,35 @@ def test_elevation_keeps_the_distance(scene: rk.Scene) -> None:
     assert eye(camera) == pytest.approx((0, distance / 2, distance * math.sqrt(3) / 2))
 
 
-def test_without_a_point_looked_at_the_centre_of_the_bounds_is_turned_about() -> None:
+def placed(x: float, y: float, z: float, **more: Any) -> rk.PerspectiveCamera:
+    """A camera at a point that looks along -z."""
+    rows = ((1, 0, 0, x), (0, 1, 0, y), (0, 0, 1, z), (0, 0, 0, 1))
+    return rk.PerspectiveCamera(transform=rows, **more)
+
+
+def test_a_thing_alone_is_turned_about_its_centre() -> None:
     scene = rk.Scene()
     scene.add_sphere(center=(4, 2, 0), radius=1)
-    matrix = np.eye(4)
-    matrix[:3, 3] = (4, 2, 9)
-    scene.set_camera(rk.PerspectiveCamera(transform=tuple(map(tuple, matrix.tolist()))))
-    assert center_of(scene) == pytest.approx((4, 2, 0))
-    assert eye(rk.turntable(scene, 2)[1]) == pytest.approx((4, 2, -9))
-    assert eye(rk.turntable(scene, 2, target=(0, 0, 0))[1]) == pytest.approx((-4, 2, -9))
+    scene.set_camera(placed(4, 2.5, 9))
+    assert targets_of(scene, scene.cameras) == [pytest.approx((4, 2, 0))]
+    assert eye(rk.turntable(scene, 2)[1]) == pytest.approx((4, 2.5, -9))
+    assert eye(rk.turntable(scene, 2, target=(0, 0, 0))[1]) == pytest.approx((-4, 2.5, -9))
+
+
+def test_a_thing_on_a_stage_is_what_is_turned_about() -> None:
+    scene = rk.Scene()
+    floor = np.array([[-20, 0, -30], [10, 0, -30], [10, 0, 10], [-20, 0, 10]], np.float32)
+    scene.add_mesh(floor, np.array([[0, 1, 2], [0, 2, 3]], np.uint32))
+    scene.add_sphere(center=(0, 1, 0), radius=1, name="mug")
+    scene.add_sphere(center=(0, 1, 0.98), radius=0.05, name="label")
+    scene.add_sphere(center=(0, 1, -8), radius=1, name="behind")
+    scene.set_camera(placed(0, 1, 6))
+    assert targets_of(scene, scene.cameras) == [pytest.approx((0, 1, 0))]
+    aside = placed(5, 1, 6)
+    x, y, _ = targets_of(scene, [aside])[0]
+    assert (x, y) == pytest.approx((5, 1)), "nothing in the middle: somewhere along the view"
+    aimed = rk.PerspectiveCamera(look_at=rk.LookAt(origin=(0, 1, 6), target=(3, 0, 0)))
+    assert targets_of(scene, [aimed]) == [(3, 0, 0)]
 
 
 def test_a_scene_without_a_camera_turns_its_three_quarter_view() -> None:
@@ -113,11 +133,6 @@ def test_what_cannot_be_turned_is_named(
 ) -> None:
     with pytest.raises(rk.SettingsError, match=f"^{where}: "):
         rk.turntable(scene, **options)
-
-
-def test_a_camera_without_a_target_needs_one() -> None:
-    with pytest.raises(rk.SettingsError, match=r"^target: "):
-        orbit(rk.PerspectiveCamera(), 3)
 
 
 def test_moments() -> None:

@@ -11,7 +11,7 @@ from raykiln_service.executors.childside import Channel, be_modest, describe, is
 def check(path: Path, base_dir: Path) -> dict[str, Any]:
     """What is in a scene; raises what `raykiln` raises if it cannot be rendered."""
     import raykiln as rk
-    from raykiln.frames import center_of
+    from raykiln.frames import targets_of
 
     scene = rk.load_scene(path, base_dir=base_dir)
     summary = rk.check(scene).summary()
@@ -20,7 +20,7 @@ def check(path: Path, base_dir: Path) -> dict[str, Any]:
         "settings": scene.settings,
         "cameras": [camera.name for camera in scene.cameras],
         "views": [camera.model_dump(mode="json", exclude_none=True) for camera in scene.cameras],
-        "center": center_of(scene),
+        "targets": targets_of(scene, scene.cameras),
         "time_range_s": scene.time_range_s,
         "warnings": list(scene.warnings),
     }

@@ -148,7 +148,7 @@ REPORT: dict[str, Any] = {
         {"name": "a", "transform": np.eye(4).tolist()},
         {"name": "b", "look_at": {"origin": [0, 0, 5], "target": [0, 0, 1]}},
     ],
-    "center": [0.0, 0.0, -2.0],
+    "targets": [[0.0, 0.0, -2.0], [0.0, 0.0, 1.0]],
     "time_range_s": None,
 }
 
