@@ -18,7 +18,7 @@ from raykiln_service.schemas_frames import FramePageView, FrameView, frame_view
 from raykiln_service.units import FrameRecord
 
 router = APIRouter(prefix="/v1/jobs/{job_id}", tags=["frames"], responses=ERRORS)
-_NUMBER = re.compile(r"\d{1,9}")
+_NUMBER = re.compile(r"[0-9]{1,9}")
 _SAFE = re.compile(r"[^A-Za-z0-9._-]+")
 
 
