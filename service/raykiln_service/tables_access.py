@@ -1,4 +1,4 @@
-"""The tables of access: tokens, who owns what, what was used, uploads under way, idempotency keys."""
+"""The tables of access: tokens, owners, use, uploads under way, idempotency keys."""
 
 from __future__ import annotations
 

@@ -356,10 +356,10 @@ def test_health_metrics_and_documents(client: httpx.Client, done: dict[str, Any]
     text = json.dumps(document)
     for reference in set(text.split('"#/components/schemas/')[1:]):
         assert reference.split('"')[0] in document["components"]["schemas"]
-    for path in ("/", "/docs", "/web/app.js", "/web/style.css", "/web/docs.js"):
+    for path in ("/", "/docs", "/web/main.js", "/web/style.css", "/web/docs.js"):
         assert client.get(path).status_code == 200
     assert "script-src" not in client.get("/").text
-    assert "https://" not in client.get("/").text + client.get("/web/app.js").text
+    assert "https://" not in client.get("/").text + client.get("/web/main.js").text
 
 
 def test_bundled_scenes(client: httpx.Client, server: Any) -> None:

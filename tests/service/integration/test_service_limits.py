@@ -39,7 +39,7 @@ def test_no_call_without_the_token(small: Any) -> None:
         assert reply.headers["WWW-Authenticate"].startswith("Bearer")
         assert reply.headers["Content-Type"] == "application/problem+json"
     assert httpx.get(f"{small.url}/metrics").status_code == 401
-    for path in ("/healthz", "/readyz", "/", "/web/app.js", "/docs"):
+    for path in ("/healthz", "/readyz", "/", "/web/main.js", "/docs"):
         assert httpx.get(f"{small.url}{path}").status_code == 200
     assert httpx.get(f"{small.url}/v1/jobs", headers=small.headers).status_code == 200
     assert "sesame" not in small.log.read_text()

@@ -141,7 +141,8 @@ def test_a_token_in_any_database(store: Store, clock: Any) -> None:
     found = tokens.find(text)
     assert found is not None
     assert found == tokens.recall(text)
-    assert (found.owner, found.scopes) == (token.id, {Scope.READ})
+    assert found.owner == token.id
+    assert found.scopes == frozenset({Scope.READ})
     assert (found.limits.queued_jobs, found.limits.stored_bytes) == (7, 5)
     assert tokens.all()[0].last_used_ms == clock.ms
     assert tokens.find(new_text()) is None

@@ -39,7 +39,7 @@ def _nothing_is_left(client: httpx.Client, server: Any, ball: dict[str, Any]) ->
 
 
 def left_in_tmp(server: Any) -> list[str]:
-    """What lies in the folder of uploads under way, but for what the running service keeps there."""
+    """What uploads left behind, but for what the running service keeps in that folder."""
     names = [path.name for path in (server.data_dir / "tmp").iterdir()]
     return [name for name in names if not name.startswith("desk-")]
 

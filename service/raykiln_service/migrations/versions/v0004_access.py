@@ -37,9 +37,7 @@ def downgrade() -> None:
         "idempotency",
         sa.Column("key", sa.Text, primary_key=True),
         sa.Column("digest", sa.Text, nullable=False),
-        sa.Column(
-            "job_id", sa.Text, sa.ForeignKey("jobs.id", ondelete="CASCADE"), nullable=False
-        ),
+        sa.Column("job_id", sa.Text, sa.ForeignKey("jobs.id", ondelete="CASCADE"), nullable=False),
         sa.Column("created_ms", _BIG, nullable=False),
         sqlite_strict=True,
     )
