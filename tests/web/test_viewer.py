@@ -280,3 +280,26 @@ def test_without_a_film_the_picture_is_shown(
     path = f"/v1/jobs/{layered['id']}/outputs/image.png"
     wanted = read_image(module_service.get(path).content)[..., :3].astype(np.int16)
     until(lambda: np.abs(shown(page) - wanted).max() <= 1)
+
+
+def test_a_large_film_is_read_behind_its_picture(
+    tab: Any, module_service: Service, layered: dict[str, Any]
+) -> None:
+    def told_large(route: Any) -> None:
+        job = route.fetch().json()
+        for output in job["outputs"]:
+            output["size_bytes"] = 9_000_000
+        route.fulfill(json=job)
+
+    held: list[Any] = []
+    page = tab("about:blank")
+    page.route(f"**/v1/jobs/{layered['id']}", told_large)
+    # The driver marks handlers, which a built-in method does not allow.
+    page.route("**/image.exr", lambda route: held.append(route))  # noqa: PLW0108
+    page.goto(f"{module_service.url}/#/jobs/{layered['id']}")
+    page.wait_for_selector(".stage-note:has-text('Reading the film')")
+    assert shown(page).shape == (32, 48, 3)
+    assert page.locator("[name=layer]").count() <= 1
+    held[0].continue_()
+    until(lambda: page.locator("[name=layer]").count() == 1 + len(LAYERS))
+    page.wait_for_selector(".stage-note", state="hidden")

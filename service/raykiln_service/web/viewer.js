@@ -9,6 +9,7 @@ import { Stage } from "./stage.js";
 import { VIEWS } from "./view.js";
 
 const MAX_EXR_BYTES = 500e6;
+const LARGE_BYTES = 8e6;
 const SCALARS = new Set(["depth", "variance"]);
 // Kept from job to job: whoever judges takes in one light looks at all of them so.
 const look = { exposure: 0, view: "srgb", layer: "beauty", comparing: false };
@@ -79,7 +80,11 @@ export class Viewer {
     while (this.#wanted && this.#wanted.key !== this.#loaded && (this.#wanted.whole || this.#wanted.picture)) {
       if (this.loading) return;
       this.loading = true;
-      await this.#load(this.#wanted).finally(() => (this.loading = false));
+      const { whole: film, picture: small } = this.#wanted;
+      // A large film takes its time: there is something to see meanwhile.
+      const first = film?.size_bytes > LARGE_BYTES && small && this.#stage.isEmpty;
+      await this.#load(first ? { picture: small, key: small } : this.#wanted).finally(() => (this.loading = false));
+      if (first) this.#say("Reading the film…");
     }
   }
 
