@@ -91,8 +91,8 @@ def _complete(path: str, method: str, operation: dict[str, Any]) -> None:
         if parameter["name"] in _EXAMPLES:
             parameter["example"] = _EXAMPLES[parameter["name"]]
         if parameter["name"] == "Tus-Resumable":
-            parameter["schema"] = {"type": "string", "const": "1.0.0"}
-            parameter["required"] = True
+            # Not called required: tus answers 412 here, which readers of this take for a mistake.
+            parameter["description"] = "Always 1.0.0; another version, or none, is answered with 412"
     _add_links(operation["operationId"], responses)
 
 
