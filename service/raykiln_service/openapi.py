@@ -92,7 +92,9 @@ def _complete(path: str, method: str, operation: dict[str, Any]) -> None:
             parameter["example"] = _EXAMPLES[parameter["name"]]
         if parameter["name"] == "Tus-Resumable":
             # Not called required: tus answers 412 here, which readers of this take for a mistake.
-            parameter["description"] = "Always 1.0.0; another version, or none, is answered with 412"
+            parameter["description"] = (
+                "Always 1.0.0; another version, or none, is answered with 412"
+            )
     _add_links(operation["operationId"], responses)
 
 
