@@ -9,9 +9,10 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from statistics import median
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from raykiln_service.events import EventHub
+from raykiln_service.logs import get_logger
 from raykiln_service.store import Store
 from raykiln_service.store_queue import Pause, Run, Running, Waiting
 
@@ -19,9 +20,10 @@ Basis = Literal["scene", "recent"]
 # What other scenes take says something only if there are a few of them.
 _FEWEST_RUNS = 3
 _MAX_AGE_S = 1.0
-# A view of a long queue is kept for a while, so that looking costs at most a tenth of the time.
-_CHEAP_S = 0.005
-_SHARE = 10.0
+# A short queue is looked at whenever it has changed.  The view of a longer one may be a little
+# old: it is made anew in the background, and that takes at most a twentieth of the time.
+_SHORT = 500
+_SHARE = 20.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,8 +34,7 @@ class Guess:
     basis: Basis
 
 
-@dataclass(frozen=True, slots=True)
-class Turn:
+class Turn(NamedTuple):
     """When a job is likely to begin and to end; None = unknown."""
 
     position: int | None
@@ -56,6 +57,7 @@ class Speeds:
             pace = median(run.render_s / run.samples for run in runs)
             self._general = (pace, median(run.other_s for run in runs))
         self._known = {key: _pace_of(found) for key, found in self._scenes.items()}
+        self._guesses: dict[tuple[int, str | None, int | None], Guess | None] = {}
 
     @property
     def samples_per_s(self) -> float | None:
@@ -64,6 +66,12 @@ class Speeds:
 
     def guess(self, job: Waiting | Running) -> Guess | None:
         """How long a job takes from its begin to its end."""
+        key = (job.samples, job.scene_key, job.limit_ms)
+        if key not in self._guesses:
+            self._guesses[key] = self._guess(job)
+        return self._guesses[key]
+
+    def _guess(self, job: Waiting | Running) -> Guess | None:
         if job.samples <= 0:
             return None
         basis: Basis = "scene" if job.scene_key in self._known else "recent"
@@ -108,28 +116,46 @@ class QueueWatch:
         self._hub = hub
         self._slots = slots
         self._lock = threading.Lock()
+        self._refresher: threading.Thread | None = None
         self._view: QueueView | None = None
         self._version = -1
         self._taken_at = 0.0
         self._cost_s = 0.0
 
     def look(self) -> QueueView:
-        """The queue as it is now, or as it was a moment ago if it is long."""
+        """The queue as it is now; a long one as it was a moment ago."""
         with self._lock:
-            started = time.monotonic()
-            if self._view is None or self._is_stale(started):
-                self._version = self._store.version
-                self._view = self._take()
-                self._taken_at = time.monotonic()
-                self._cost_s = self._taken_at - started
-            return self._view
+            view = self._view
+            if view is None or (view.waiting <= _SHORT and self._is_stale()):
+                return self._renew()
+            if self._refresher is None and self._is_stale():
+                self._refresher = threading.Thread(target=self._refresh, daemon=True)
+                self._refresher.start()
+            return view
 
-    def _is_stale(self, now: float) -> bool:
-        age_s = now - self._taken_at
-        if age_s > max(_MAX_AGE_S, _SHARE * self._cost_s):
-            return True
+    def _is_stale(self) -> bool:
+        age_s = time.monotonic() - self._taken_at
         changed = self._version != self._store.version
-        return changed and (self._cost_s < _CHEAP_S or age_s > _SHARE * self._cost_s)
+        if self._view is not None and self._view.waiting > _SHORT:
+            return age_s > (1 if changed else 2) * _SHARE * self._cost_s
+        return changed or age_s > _MAX_AGE_S
+
+    def _renew(self) -> QueueView:
+        started, version = time.monotonic(), self._store.version
+        view = self._take()
+        self._view, self._version = view, version
+        self._taken_at = time.monotonic()
+        self._cost_s = self._taken_at - started
+        return view
+
+    def _refresh(self) -> None:
+        try:
+            self._renew()
+        except Exception as error:
+            # The view stays as it was; the next look tries again.
+            get_logger().warning("no look at the queue", error=str(error))
+        finally:
+            self._refresher = None
 
     def _take(self) -> QueueView:
         pause, waiting, running = self._store.queue_now()

@@ -64,7 +64,7 @@ class Context:
         return [
             job_view(
                 job,
-                *_turn(job, turns.get(job.id)),
+                *self._turn(job, turns.get(job.id)),
                 self.hub.latest_progress(job.id),
                 now,
                 frames_view(job, counts.get(job.id, {})),
@@ -72,12 +72,14 @@ class Context:
             for job in jobs
         ]
 
-
-def _turn(job: Job, turn: Turn | None) -> tuple[int | None, EtaView | None]:
-    if turn is None or job.state.is_final:
-        return None, None
-    eta = EtaView(start_s=turn.start_s, end_s=turn.end_s, basis=turn.basis)
-    return turn.position if job.state is JobState.QUEUED else None, eta
+    def _turn(self, job: Job, turn: Turn | None) -> tuple[int | None, EtaView | None]:
+        if job.state.is_final:
+            return None, None
+        if turn is None:
+            # The view of a long queue may be older than the job.
+            return self.store.queue_positions([job]).get(job.id), None
+        eta = EtaView(start_s=turn.start_s, end_s=turn.end_s, basis=turn.basis)
+        return turn.position if job.state is JobState.QUEUED else None, eta
 
 
 def _context(request: Request) -> Context:
