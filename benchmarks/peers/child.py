@@ -25,8 +25,18 @@ def job() -> Job:
 
 
 def finish(given: Job, result: dict[str, Any]) -> None:
-    """Write the result."""
-    Path(given["result"]).write_text(json.dumps(result))
+    """Write the result, with the peak memory of this process."""
+    Path(given["result"]).write_text(json.dumps({**result, "peak_bytes": peak_bytes()}))
+
+
+def peak_bytes() -> int:
+    """The most memory that this program has had.
+
+    Not `ru_maxrss`, which begins with the size of the process that started this one.
+    """
+    status = Path("/proc/self/status").read_text()
+    line = next(line for line in status.splitlines() if line.startswith("VmHWM:"))
+    return int(line.split()[1]) * 1024
 
 
 class Clock:
