@@ -125,11 +125,11 @@ def _replay(benches: dict[str, Bench], results: dict[str, Any]) -> Iterator[None
 
 def _publish(results: dict[str, Any], python: Path) -> None:
     page, folder = ROOT / "docs" / "performance.md", ROOT / "docs" / "images" / "performance"
-    report.write_page(results, page)
     folder.mkdir(parents=True, exist_ok=True)
     data = json.dumps(report.medians(results))
     plots = Path(__file__).with_name("plots.py")
     subprocess.run([str(python), str(plots), str(folder)], input=data, text=True, check=True)
+    report.write_page(results, page, folder)
     say(f"wrote {page} and {folder}")
 
 

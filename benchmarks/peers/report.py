@@ -271,9 +271,13 @@ def _replay(results: Json) -> Table:
     return table
 
 
-def write_page(results: Json, page: Path) -> None:
-    """Replace the results in the page."""
-    text = page.read_text()
-    before, rest = text.split(BEGIN)
+def write_page(results: Json, page: Path, images: Path) -> None:
+    """Replace the results in the page, with the plots that there are."""
+    before, rest = page.read_text().split(BEGIN)
     after = rest.split(END)[1]
-    page.write_text(f"{before}{BEGIN}\n\n{as_text(results)}\n{END}{after}")
+    plots = "\n\n".join(
+        f"![{image.stem.replace('_', ' ')}]({image.relative_to(page.parent)})"
+        for image in (images / "samples_per_s.svg", images / "efficiency.svg")
+        if image.is_file()
+    )
+    page.write_text(f"{before}{BEGIN}\n\n{plots}\n\n{as_text(results)}\n{END}{after}")

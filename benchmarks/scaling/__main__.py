@@ -21,6 +21,8 @@ import sweeps
 
 Json = dict[str, Any]
 ROOT = Path(__file__).resolve().parents[2]
+BEGIN, END = "<!-- scaling -->", "<!-- end of scaling -->"
+QUIET_LOAD = 0.5
 SCENES = ["cornell_box", "many_lights", "product_shot", "instanced_forest"]
 PIXELS = [64, 128, 256, 512]
 SPP = [4, 16, 64, 256]
@@ -38,7 +40,7 @@ def main() -> None:
     given = parser.parse_args()
     given.work.mkdir(parents=True, exist_ok=True)
     load = os.getloadavg()[0]
-    if load > 0.5:
+    if load > QUIET_LOAD:
         print(f"warning: the load average is {load:.2f}: these numbers are disturbed", flush=True)
     results = measured(1 if given.quick else 3, 1 if given.quick else 4)
     results["load_average"] = load
@@ -53,6 +55,7 @@ def main() -> None:
         folder.mkdir(parents=True, exist_ok=True)
         plots = Path(__file__).with_name("plots.py")
         subprocess.run([str(python), str(plots), str(path), str(folder)], check=True)
+        publish(results, ROOT / "docs" / "performance.md")
 
 
 def measured(runs: int, factor: int) -> Json:
@@ -64,6 +67,31 @@ def measured(runs: int, factor: int) -> Json:
         "triangles": [row("triangles", n, runs, n, 256, 8 * factor, 0) for n in TRIANGLES],
         "lights": [light_row(n, 128, 8 * factor) for n in LIGHTS],
     }
+
+
+def publish(results: Json, page: Path) -> None:
+    """Put the numbers and the plot into the page."""
+    rows = ["| Scene | 1 thread, Msamples/s | all cores | ratio |", "| --- | ---: | ---: | ---: |"]
+    for t in results["threads"]:
+        one, all_cores = t["one"] / 1e6, t["all"] / 1e6
+        rows.append(f"| {t['scene']} | {one:.2f} | {all_cores:.2f} | {all_cores / one:.2f} |")
+    rows += ["", "| Triangles | build, s | ns a sample | MiB |", "| ---: | ---: | ---: | ---: |"]
+    rows += [
+        f"| {t['triangles']:,} | {t['bvh_s']:.3f} | {1e9 * t['render_s'] / t['samples']:.0f} "
+        f"| {t['peak_bytes'] / 2**20:.0f} |"
+        for t in results["triangles"]
+    ]
+    rows += ["", "| Lights | relMSE x spp | cost at equal quality |", "| ---: | ---: | ---: |"]
+    first = results["lights"][0]["cost"]
+    rows += [
+        f"| {t['lights']:,} | {t['error_per_sample']:.3f} | {t['cost'] / first:.2f} |"
+        for t in results["lights"]
+    ]
+    disturbed = f"**Warning: the load average was {results['load_average']:.2f}.**\n\n"
+    note = disturbed if results["load_average"] > QUIET_LOAD else ""
+    text = f"{note}![scaling](images/performance/scaling.svg)\n\n" + "\n".join(rows)
+    before, rest = page.read_text().split(BEGIN)
+    page.write_text(f"{before}{BEGIN}\n\n{text}\n\n{END}{rest.split(END)[1]}")
 
 
 def fresh(function: Callable[..., Json], *arguments: Any) -> Json:
