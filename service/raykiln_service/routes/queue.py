@@ -52,7 +52,8 @@ def resume_queue(context: InContext) -> QueueStateView:
 def _view(context: Context) -> QueueStateView:
     queue = context.queue.look()
     oldest = context.store.oldest_queued_ms()
-    pause = queue.pause
+    # Read anew: the look may be older than the pause that this call has made.
+    pause = context.store.paused()
     return QueueStateView(
         paused=pause is not None,
         paused_at=None if pause is None else timestamp(pause.since_ms),

@@ -50,6 +50,12 @@ def test_a_pause_holds_jobs_back_and_a_resume_lets_them_go(
     assert not queue(client)["paused"]
 
 
+def test_the_answer_tells_what_the_call_has_done(client: httpx.Client) -> None:
+    for _ in range(3):
+        assert client.post("/v1/queue/pause").json()["paused"] is True
+        assert client.post("/v1/queue/resume").json()["paused"] is False
+
+
 def test_a_pause_survives_a_kill(serve: Any, ball: dict[str, Any]) -> None:
     server = serve()
     with server.client() as client:
