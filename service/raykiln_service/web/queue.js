@@ -5,6 +5,8 @@ import { fill, h, throttled } from "./dom.js";
 
 export class QueuePanel {
   element = h("div.queue", { role: "status" });
+  // Counts the switches: what was asked before one is no news after it.
+  #switches = 0;
   #read = throttled(() => this.#load(), 2000);
 
   constructor() {
@@ -16,8 +18,10 @@ export class QueuePanel {
   }
 
   async #load() {
+    const before = this.#switches;
     try {
-      this.#show(await getJson("/v1/queue"));
+      const queue = await getJson("/v1/queue");
+      if (before === this.#switches) this.#show(queue);
     } catch {
       // The list goes on without it.
     }
@@ -34,6 +38,7 @@ export class QueuePanel {
   }
 
   async #set(paused) {
+    this.#switches++;
     try {
       this.#show(await (await call(`/v1/queue/${paused ? "pause" : "resume"}`, { method: "POST" })).json());
     } catch (error) {
