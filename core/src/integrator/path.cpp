@@ -36,7 +36,7 @@ Vec3f estimate_path(const Context& c, const Ray& camera_ray, FirstHit& first) {
 
         // Go on in a direction that the material chooses.
         const Sample4<float> u = c.draw(bsdf_group(depth));
-        const BsdfSample<float> next = sample(bsdf, dir_out, {u[0], u[1], u[2]});
+        const BsdfSample<float> next = sample(bsdf, dir_out, {u[2], u[0], u[1]});
         throughput *= next.weight;
         if (max_component(throughput) <= 0.0f) {
             return radiance;

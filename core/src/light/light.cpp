@@ -157,7 +157,7 @@ LightSample sample_light(const Scene& scene, const Light& light, const Vec3f& p,
 float pdf_light(const Light& light, const Vec3f& p, const Vec3f& direction,
                 float distance) {
     if (const auto* t = std::get_if<TriangleLight>(&light)) {
-        return pdf_triangle_light(t->normal, t->area, direction, distance);
+        return pdf_triangle_light(*t, p, direction, distance);
     }
     if (const auto* s = std::get_if<SphereLight>(&light)) {
         return pdf_sphere_light(s->center, s->radius, p, direction, distance);

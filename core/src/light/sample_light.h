@@ -3,6 +3,7 @@
 #include "light/environment.h"
 #include "light/light.h"
 #include "math/ray.h"
+#include "sampling/spherical.h"
 #include "sampling/warp.h"
 #include "texture/texture.h"
 
@@ -105,12 +106,23 @@ inline LightSampleOf<F> sample_environment_light(const Scene& scene,
         no_light_sample<F>());
 }
 
-/// Uniform over the area.
+/// Uniform over the solid angle, where that can be sampled precisely; over the area
+/// elsewhere.
 template <class F>
 inline LightSampleOf<F> sample_triangle_light(const Scene& scene,
                                               const TriangleLightOf<F>& light,
                                               const Vec3<F>& p, F u, F v) {
-    const Vec2<F> b = sample_triangle(u, v);
+    Vec2<F> b = sample_triangle(u, v);
+    const Vec3<F> to_corner = light.p0 - p;
+    const SphericalTriangle<F> seen =
+        make_spherical_triangle(to_corner, light.edge1, light.edge2);
+    const auto by_angle = can_sample(seen);
+    if (any(by_angle)) {
+        const Vec2<F> at = place_in_triangle(sample_spherical_triangle(seen, u, v),
+                                             to_corner, light.edge1, light.edge2);
+        b.x = select(by_angle, at.x, b.x);
+        b.y = select(by_angle, at.y, b.y);
+    }
     const Vec3<F> point = light.p0 + light.edge1 * b.x + light.edge2 * b.y;
     const Vec3<F> d = point - p;
     const F distance2 = length_squared(d);
@@ -124,8 +136,9 @@ inline LightSampleOf<F> sample_triangle_light(const Scene& scene,
                      light.uv0.y + (light.uv1.y - light.uv0.y) * b.x +
                          (light.uv2.y - light.uv0.y) * b.y};
     const F size = max_abs(light.p0) + max_abs(light.edge1) + max_abs(light.edge2);
-    const F pdf = pdf_solid_angle_of_area(F(1.0f) / light.area, safe,
-                                          select(valid, abs(cosine), F(1.0f)));
+    const F pdf = select(by_angle, F(1.0f) / seen.solid_angle,
+                         pdf_solid_angle_of_area(F(1.0f) / light.area, safe,
+                                                 select(valid, abs(cosine), F(1.0f))));
     return select<F>(
         valid,
         {direction, offset_origin(point, light.normal, -direction, position_error(size)),
@@ -135,13 +148,16 @@ inline LightSampleOf<F> sample_triangle_light(const Scene& scene,
 }
 
 template <class F>
-inline F pdf_triangle_light(const Vec3<F>& normal, F area, const Vec3<F>& direction,
-                            F distance) {
-    const F cosine = abs(dot(direction, normal));
-    const auto seen = cosine > F(0.0f);
-    const F pdf = pdf_solid_angle_of_area(F(1.0f) / area, sqr(distance),
-                                          select(seen, cosine, F(1.0f)));
-    return select(seen, pdf, F(0.0f));
+inline F pdf_triangle_light(const TriangleLightOf<F>& light, const Vec3<F>& p,
+                            const Vec3<F>& direction, F distance) {
+    const F cosine = abs(dot(direction, light.normal));
+    const auto facing = cosine > F(0.0f);
+    const F by_area = pdf_solid_angle_of_area(F(1.0f) / light.area, sqr(distance),
+                                              select(facing, cosine, F(1.0f)));
+    const SphericalTriangle<F> seen =
+        make_spherical_triangle(light.p0 - p, light.edge1, light.edge2);
+    const F pdf = select(can_sample(seen), F(1.0f) / seen.solid_angle, by_area);
+    return select(facing, pdf, F(0.0f));
 }
 
 namespace detail {
@@ -304,11 +320,13 @@ inline F pdf_light(const Scene& scene, Uint<F> light, Mask<F> wanted, const Vec3
     if (any(on_triangle)) {
         const TriangleLight* a = table.triangles.data();
         const U i = select(on_triangle, slots, U(0u));
-        pdf = select(on_triangle,
-                     pdf_triangle_light(gather_member<F>(a, &TriangleLight::normal, i),
-                                        gather_member<F>(a, &TriangleLight::area, i),
-                                        direction, distance),
-                     pdf);
+        TriangleLightOf<F> l;
+        l.p0 = gather_member<F>(a, &TriangleLight::p0, i);
+        l.edge1 = gather_member<F>(a, &TriangleLight::edge1, i);
+        l.edge2 = gather_member<F>(a, &TriangleLight::edge2, i);
+        l.normal = gather_member<F>(a, &TriangleLight::normal, i);
+        l.area = gather_member<F>(a, &TriangleLight::area, i);
+        pdf = select(on_triangle, pdf_triangle_light(l, p, direction, distance), pdf);
     }
     const auto on_sphere = wanted & (kind == U(5u));
     if (any(on_sphere)) {

@@ -92,8 +92,9 @@ inline F sin_of_difference(F sin_a, F cos_a, F sin_b, F cos_b) {
 
 }  // namespace detail
 
-/// A bound of what a cluster can contribute: power over distance squared, times the
-/// cosines at both ends, the angles lessened by all that the cluster's size leaves open.
+/// An estimate of what a cluster contributes: power over distance squared, times the
+/// cosine at the receiver, as if its lights filled its bounds, and the greatest cosine at
+/// the lights. 0 only where no part of it can contribute.
 template <class F>
 inline F LightTree::importance(Uint<F> index, const LightReceiverOf<F>& r) const {
     using detail::cos_of_difference;
@@ -135,15 +136,17 @@ inline F LightTree::importance(Uint<F> index, const LightReceiverOf<F>& r) const
     const F sin_x = sin_of_difference(sin_w, cos_w, sin_o, cos_o);
     const F cos_e = cos_of_difference(sin_x, cos_x, sin_b, cos_b);
     const auto emits = inside | (cos_e > number(&Node::cos_theta_e) - angle_slack);
+    // How far its lights lie from its middle, squared, if they fill the box: what keeps
+    // the estimates finite within a cluster, and smooth about it.
+    const F spread2 = max(radius2 * F(0.125f), F(1e-20f));
     const F weight = power * max(select(inside, F(1.0f), cos_e), least_cosine) /
-                     max(distance2, max(radius2, F(1e-20f)));
-
-    const F cos_i = dot(r.normal, direction);
-    const F sin_i = safe_sqrt(F(1.0f) - cos_i * cos_i);
-    const F cosine =
-        select(inside, F(1.0f), cos_of_difference(sin_i, cos_i, sin_b, cos_b));
-    const F reached =
-        select(cosine > F(0.0f) - angle_slack, max(cosine, least_cosine), F(0.0f));
+                     max(distance2, spread2);
+    // The mean of the cosine over the part of the cluster above the horizon.
+    const F height = dot(r.normal, d);
+    const F cosine = F(0.5f) * (height + sqrt(height * height + spread2)) /
+                     sqrt(distance2 + spread2);
+    const auto above = height + sqrt(radius2) > F(0.0f) - angle_slack * sqrt(distance2);
+    const F reached = select(above, max(cosine, least_cosine), F(0.0f));
     const auto any_side = max_abs(r.normal) == F(0.0f);
     return select(emits, weight * select(any_side, F(1.0f), reached), F(0.0f));
 }

@@ -84,6 +84,18 @@ inline Vec3<F> sample_spherical_triangle(const SphericalTriangle<F>& t, F u, F v
     return normalize(t.b * (F(1.0f) - part - along + along * whole) + d * along);
 }
 
+/// Barycentric coordinates (of the second and third corner) of the point that a direction
+/// meets; `p0` as above.
+template <class F>
+inline Vec2<F> place_in_triangle(const Vec3<F>& direction, const Vec3<F>& p0,
+                                 const Vec3<F>& edge1, const Vec3<F>& edge2) {
+    const Vec3<F> n = cross(edge1, edge2);
+    const Vec3<F> q = direction * (dot(p0, n) / dot(direction, n)) - p0;
+    const F scale = F(1.0f) / length_squared(n);
+    const F x = clamp(dot(cross(q, edge2), n) * scale, F(0.0f), F(1.0f));
+    return {x, clamp(dot(cross(edge1, q), n) * scale, F(0.0f), F(1.0f) - x)};
+}
+
 /// The (u, v) that `sample_spherical_triangle` maps to a unit direction in the triangle.
 template <class F>
 inline Vec2<F> invert_spherical_triangle(const SphericalTriangle<F>& t,

@@ -287,7 +287,7 @@ inline void scatter_paths(const Vertex& at, const SurfacePoint<F>& s, const B& b
                           const Vec3<F>& dir_out, Vec3<F> throughput,
                           const LightReceiverOf<F>& receiver) {
     const Sample4<F> u = at.draw(bsdf_group(at.depth));
-    const BsdfSample<F> next = sample(bsdf, dir_out, {u[0], u[1], u[2]});
+    const BsdfSample<F> next = sample(bsdf, dir_out, {u[2], u[0], u[1]});
     throughput *= next.weight;
     M alive = at.valid & (max_component(throughput) > F(0.0f));
     const F eta_scale = at.paths.eta_scale[at.slots] * next.eta;
