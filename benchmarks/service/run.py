@@ -64,7 +64,8 @@ def submit(client: httpx.Client, settings: dict[str, Any], **options: Any) -> st
 def finish(client: httpx.Client, settings: dict[str, Any]) -> dict[str, Any]:
     """Submit a job and wait for its end in one call."""
     body = {"scene": {"name": SCENE}, "settings": settings, "cache": False}
-    reply = client.post("/v1/jobs", json=body, headers={"Prefer": "wait=100"}).raise_for_status()
+    reply = client.post("/v1/jobs", json=body, headers={"Prefer": "wait=100"})
+    assert reply.is_success, reply.text
     job: dict[str, Any] = reply.json()
     assert job["state"] == "succeeded", job
     return job
@@ -160,9 +161,9 @@ def queue(folder: Path, jobs: int = 10_000, calls: int = 300) -> dict[str, float
     return found
 
 
-def watchers(folder: Path, readers: int = 200, rounds: int = 4) -> dict[str, float]:
+def watchers(folder: Path, readers: int = 200, rounds: int = 3) -> dict[str, float]:
     """What readers of one job's events cost its render."""
-    settings = {**SMALL, "width": 256, "height": 256, "spp": 512}
+    settings = {**SMALL, "width": 256, "height": 256, "spp": 128}
     alone, watched, heard = [], [], []
     with service(folder / "data") as (client, _process):
         finish(client, settings)
@@ -214,19 +215,18 @@ def read_events(base_url: str, job_id: str, readers: int) -> None:
     print(sum(counts), flush=True)
 
 
-def stop(folder: Path, rounds: int = 4) -> dict[str, float]:
+def stop(folder: Path, rounds: int = 3) -> dict[str, float]:
     """From SIGTERM during a render to the end of the process."""
     taken = []
     for number in range(rounds):
-        with service(folder / "data") as (client, process):
-            job_id = submit(client, {**SMALL, "width": 512, "height": 512, "spp": 100_000})
+        with service(folder / f"data-{number}") as (client, process):
+            job_id = submit(client, {**SMALL, "spp": 1_000_000})
             while (client.get(f"/v1/jobs/{job_id}").json()["progress"]["spp_done"] or 0) < 1:
                 time.sleep(0.02)
             started = time.perf_counter()
             process.send_signal(signal.SIGTERM)
             process.wait(60)
             taken.append(time.perf_counter() - started)
-        assert number < rounds
     return {"sigterm_to_exit_s": statistics.median(taken), "longest_s": max(taken)}
 
 
