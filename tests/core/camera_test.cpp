@@ -3,7 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "directions.h"
-#include "render/filter.h"
+#include "sampling/filter.h"
 
 namespace raykiln {
 namespace {

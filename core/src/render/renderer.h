@@ -6,7 +6,7 @@
 
 #include "integrator/context.h"
 #include "render/film.h"
-#include "render/filter.h"
+#include "sampling/filter.h"
 #include "wide/dispatch.h"
 
 namespace raykiln {

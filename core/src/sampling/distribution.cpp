@@ -48,6 +48,19 @@ double fill_cdf(const float* weights, int n, float* cdf) {
     return total;
 }
 
+/// Appends the cells of a cdf that hold 0, 1 / parts, ... 1.
+void add_guide(const float* cdf, int n, std::uint32_t parts,
+               std::vector<std::uint32_t>& guide) {
+    int cell = 0;
+    for (std::uint32_t i = 0; i <= parts; ++i) {
+        const float u = static_cast<float>(i) / static_cast<float>(parts);
+        while (cell + 1 < n && cdf[cell + 1] <= u) {
+            ++cell;
+        }
+        guide.push_back(static_cast<std::uint32_t>(cell));
+    }
+}
+
 }  // namespace
 
 Distribution2D::Distribution2D(const std::vector<float>& weights, int width, int height) :
@@ -65,6 +78,11 @@ Distribution2D::Distribution2D(const std::vector<float>& weights, int width, int
                      &column_cdf_[row * (static_cast<std::size_t>(width) + 1)]));
     }
     fill_cdf(row_sums.data(), height, row_cdf_.data());
+    add_guide(row_cdf_.data(), height, guides, row_guide_);
+    for (std::size_t row = 0; row < static_cast<std::size_t>(height); ++row) {
+        add_guide(&column_cdf_[row * (static_cast<std::size_t>(width) + 1)], width,
+                  guides, column_guide_);
+    }
     // The density that `sample` really has, from the rounded tables.
     const float cells = static_cast<float>(width) * static_cast<float>(height);
     for (int y = 0; y < height; ++y) {

@@ -66,31 +66,40 @@ class Distribution2D {
     std::vector<float> density_;
     std::vector<float> row_cdf_;     // height + 1
     std::vector<float> column_cdf_;  // (width + 1) a row
+    // The cell that holds u = i / guides, i from 0 to guides; a row after the other.
+    static constexpr std::uint32_t guides = 256;
+    std::vector<std::uint32_t> row_guide_, column_guide_;
 };
 
 namespace detail {
 
 /// The cell of a cdf (n + 1 entries from `offset`) that holds u, and where in it, in
-/// [0, 1).
+/// [0, 1). `low` and `high` are cells that it lies between, ends included.
+template <class F>
+inline Uint<F> find_cell(const float* cdf, Uint<F> offset, Uint<F> low, Uint<F> high, F u,
+                         F& within) {
+    using U = Uint<F>;
+    // The last entry that is not above u.
+    auto open = low < high;
+    while (any(open)) {
+        const U middle = (low + high + U(1u)) >> 1;
+        const auto below = gather(cdf, offset + middle) <= u;
+        low = select(open & below, middle, low);
+        high = select(open & !below, middle - U(1u), high);
+        open = low < high;
+    }
+    const F start = gather(cdf, offset + low);
+    const F size = gather(cdf, offset + low + U(1u)) - start;
+    const auto wide = size > F(0.0f);
+    within =
+        select(wide, min((u - start) / select(wide, size, F(1.0f)), F(one_minus_epsilon)),
+               F(0.5f));
+    return low;
+}
 template <class F>
 inline Uint<F> find_cell(const float* cdf, Uint<F> offset, int n, F u, F& within) {
-    using U = Uint<F>;
-    // The last entry that is not above u, among the first n.
-    U cell(0u);
-    const U last(static_cast<std::uint32_t>(n - 1));
-    for (auto step = std::bit_floor(static_cast<std::uint32_t>(n)); step > 0; step /= 2) {
-        const U next = cell + U(step);
-        const U readable = min(next, last);
-        const auto below = (next <= last) & (gather(cdf, offset + readable) <= u);
-        cell = select(below, next, cell);
-    }
-    const F low = gather(cdf, offset + cell);
-    const F size = gather(cdf, offset + cell + U(1u)) - low;
-    const auto open = size > F(0.0f);
-    within =
-        select(open, min((u - low) / select(open, size, F(1.0f)), F(one_minus_epsilon)),
-               F(0.5f));
-    return cell;
+    return find_cell(cdf, offset, Uint<F>(0u), Uint<F>(static_cast<std::uint32_t>(n - 1)),
+                     u, within);
 }
 
 }  // namespace detail
@@ -99,9 +108,19 @@ template <class F>
 inline Vec2<F> Distribution2D::sample(F u, F v, F& pdf) const {
     using U = Uint<F>;
     F fx, fy;
-    const U y = detail::find_cell(row_cdf_.data(), U(0u), height_, v, fy);
+    // The guides tell between which cells to look.
+    const auto part_of = [](F x) {
+        return min(to_uint(x * F(static_cast<float>(guides))), U(guides - 1));
+    };
+    const U row_part = part_of(v);
+    const U y =
+        detail::find_cell(row_cdf_.data(), U(0u), gather(row_guide_.data(), row_part),
+                          gather(row_guide_.data() + 1, row_part), v, fy);
     const auto width = static_cast<std::uint32_t>(width_);
-    const U x = detail::find_cell(column_cdf_.data(), y * U(width + 1), width_, u, fx);
+    const U column_part = y * U(guides + 1) + part_of(u);
+    const U x = detail::find_cell(column_cdf_.data(), y * U(width + 1),
+                                  gather(column_guide_.data(), column_part),
+                                  gather(column_guide_.data() + 1, column_part), u, fx);
     pdf = gather(density_.data(), y * U(width) + x);
     return {(to_float(x) + fx) / F(static_cast<float>(width_)),
             (to_float(y) + fy) / F(static_cast<float>(height_))};

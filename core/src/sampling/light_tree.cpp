@@ -153,10 +153,8 @@ void LightTree::make_node(std::uint32_t index, const LightBounds& bounds,
     node.radius2 = 0.25f * length_squared(bounds.bounds.extent());
     node.axis = bounds.axis;
     node.cos_theta_o = bounds.cos_theta_o;
-    node.sin_theta_o = sin_of(bounds.cos_theta_o);
     node.cos_theta_e = bounds.cos_theta_e;
-    node.power = bounds.power;
-    node.two_sided = bounds.two_sided ? 1u : 0u;
+    node.power = bounds.two_sided ? -bounds.power : bounds.power;
     node.child = none;
     node.parent = parent;
     node.light = none;

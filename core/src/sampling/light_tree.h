@@ -58,9 +58,10 @@ class LightTree {
         Vec3f center;
         float radius2;
         Vec3f axis;
-        float cos_theta_o, sin_theta_o, cos_theta_e, power;
-        std::uint32_t two_sided, child, parent, light;
-        std::uint32_t unused = 0;  // a node fills a cache line
+        float cos_theta_o, cos_theta_e;
+        float power;  // negative: emits to both sides
+        std::uint32_t child, parent, light;
+        std::uint32_t unused[3] = {};  // a node fills a cache line
     };
     static constexpr std::uint32_t none = 0xffffffffu;
 
@@ -106,11 +107,11 @@ inline F LightTree::importance(Uint<F> index, const LightReceiverOf<F>& r) const
     // Near the root all lanes look at one node.
     const std::uint32_t first = first_lane(index);
     const bool same = all(index == Uint<F>(first));
-    const auto number = [&](float Node::*member) {
+    const auto number = [&](float Node::* member) {
         return same ? F(nodes_[first].*member)
                     : gather_member<F>(nodes_.data(), member, index);
     };
-    const auto vector = [&](Vec3f Node::*member) {
+    const auto vector = [&](Vec3f Node::* member) {
         if (!same) {
             return gather_member<F>(nodes_.data(), member, index);
         }
@@ -118,7 +119,8 @@ inline F LightTree::importance(Uint<F> index, const LightReceiverOf<F>& r) const
         return Vec3<F>{F(v.x), F(v.y), F(v.z)};
     };
     const F radius2 = number(&Node::radius2);
-    const F power = number(&Node::power);
+    const F signed_power = number(&Node::power);
+    const F power = abs(signed_power);
     const Vec3<F> d = vector(&Node::center) - r.p;
     const F distance2 = length_squared(d);
     const Vec3<F> direction = d * (F(1.0f) / sqrt(max(distance2, F(1e-30f))));
@@ -128,10 +130,11 @@ inline F LightTree::importance(Uint<F> index, const LightReceiverOf<F>& r) const
     const F cos_b = select(inside, F(-1.0f), safe_sqrt(F(1.0f) - sin2_b));
 
     const F cos_axis = F(0.0f) - dot(vector(&Node::axis), direction);
-    const auto two_sided = word<F>(&Node::two_sided, index) != Uint<F>(0u);
+    const auto two_sided = signed_power < F(0.0f);
     const F cos_w = select(two_sided, abs(cos_axis), cos_axis);
     const F sin_w = safe_sqrt(F(1.0f) - cos_w * cos_w);
-    const F cos_o = number(&Node::cos_theta_o), sin_o = number(&Node::sin_theta_o);
+    const F cos_o = number(&Node::cos_theta_o);
+    const F sin_o = safe_sqrt(F(1.0f) - cos_o * cos_o);
     const F cos_x = cos_of_difference(sin_w, cos_w, sin_o, cos_o);
     const F sin_x = sin_of_difference(sin_w, cos_w, sin_o, cos_o);
     const F cos_e = cos_of_difference(sin_x, cos_x, sin_b, cos_b);

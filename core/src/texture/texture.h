@@ -15,9 +15,70 @@ using Texel = TexelOf<float>;
 
 Texel lookup(const Texture& texture, Vec2f uv);
 
-/// Texels of all lanes, one after the other.
+namespace detail {
+
+/// A texel coordinate brought into an image of `size` texels.
+template <class F>
+inline Uint<F> wrapped(F i, int size, TextureWrap mode) {
+    const F n(static_cast<float>(size));
+    const F last(static_cast<float>(size - 1));
+    if (mode == TextureWrap::repeat) {
+        i = i - floor(i / n) * n;
+    } else if (mode == TextureWrap::mirror) {
+        const F period = n + n;
+        i = i - floor(i / period) * period;
+        i = select(i < n, i, period - F(1.0f) - i);
+    }
+    return to_uint(clamp(i, F(0.0f), last));
+}
+
+template <class F>
+inline TexelOf<F> lookup_float_image(const ImageTexture& t, const Vec2<F>& uv) {
+    const auto* pixels = static_cast<const float*>(t.pixels);
+    const UvTransform& m = t.uv_transform;
+    // Keeps texel coordinates in range whatever the uv.
+    const auto bounded = [](F x) {
+        return select(is_finite(x), clamp(x, F(-3e4f), F(3e4f)), F(0.0f));
+    };
+    const F u = bounded(F(m.a) * uv.x + F(m.b) * uv.y + F(m.c));
+    const F v = bounded(F(m.d) * uv.x + F(m.e) * uv.y + F(m.f));
+    const F x = u * F(static_cast<float>(t.width));
+    const F y = v * F(static_cast<float>(t.height));
+    const auto fetch = [&](F ix, F iy) -> TexelOf<F> {
+        const Uint<F> at = (wrapped(iy, t.height, t.wrap_v) *
+                                Uint<F>(static_cast<std::uint32_t>(t.width)) +
+                            wrapped(ix, t.width, t.wrap_u)) *
+                           Uint<F>(static_cast<std::uint32_t>(t.channels));
+        const F first = gather(pixels, at);
+        if (t.channels <= 2) {
+            return {Vec3<F>(first), t.channels == 2 ? gather(pixels + 1, at) : F(1.0f)};
+        }
+        return {{first, gather(pixels + 1, at), gather(pixels + 2, at)},
+                t.channels == 4 ? gather(pixels + 3, at) : F(1.0f)};
+    };
+    if (t.filter == TextureFilter::nearest) {
+        return fetch(floor(x), floor(y));
+    }
+    const auto mix = [](const TexelOf<F>& a, const TexelOf<F>& b, F s) -> TexelOf<F> {
+        return {lerp(a.rgb, b.rgb, s), lerp(a.alpha, b.alpha, s)};
+    };
+    const F left = floor(x - F(0.5f)), top = floor(y - F(0.5f));
+    const F fx = x - F(0.5f) - left, fy = y - F(0.5f) - top;
+    const F right = left + F(1.0f), bottom = top + F(1.0f);
+    return mix(mix(fetch(left, top), fetch(right, top), fx),
+               mix(fetch(left, bottom), fetch(right, bottom), fx), fy);
+}
+
+}  // namespace detail
+
+/// Texels of all lanes: of float images at once, of others one after the other.
 template <class F>
 inline TexelOf<F> lookup(const Texture& texture, const Vec2<F>& uv) {
+    const auto* image = std::get_if<ImageTexture>(&texture);
+    if (image != nullptr && image->format == PixelFormat::f32 &&
+        std::int64_t{image->width} * image->height * image->channels < 1LL << 31) {
+        return detail::lookup_float_image(*image, uv);
+    }
     TexelOf<F> texels;
     for (int i = 0; i < NumberTraits<F>::width; ++i) {
         const Texel t = lookup(texture, Vec2f{uv.x.lane(i), uv.y.lane(i)});

@@ -4,7 +4,7 @@
 #include <cstdint>
 
 #include "integrator/context.h"
-#include "render/filter.h"
+#include "sampling/filter.h"
 #include "scene/camera.h"
 #include "wide/shapes.h"
 

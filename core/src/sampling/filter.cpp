@@ -1,4 +1,4 @@
-#include "render/filter.h"
+#include "sampling/filter.h"
 
 #include <cmath>
 
