@@ -294,8 +294,7 @@ inline void scatter_paths(const Vertex& at, const SurfacePoint<F>& s, const B& b
     // Russian roulette: end paths that carry little, make up for it in the others.
     const EstimatorSettings& e = at.b.estimator;
     if (e.rr_depth >= 0 && at.depth >= e.rr_depth) {
-        const F survival =
-            min(sqrt(max_component(throughput)) * eta_scale, F(0.95f));
+        const F survival = min(sqrt(max_component(throughput)) * eta_scale, F(0.95f));
         alive = alive & (u[3] < survival);
         throughput *= F(1.0f) / survival;
     }
