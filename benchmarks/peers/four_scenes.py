@@ -132,8 +132,8 @@ def glass_and_metal() -> BenchScene:
     sun = np.array([-0.55, 0.62, 0.45])
     cosine = (towards @ (sun / np.linalg.norm(sun)))[..., None]
     sky = np.where(up > 0, [0.28, 0.42, 0.75] + 0.7 * (1 - up) ** 4 * [1.0, 0.9, 0.7], 0.2)
-    # A disk of 1.5 degrees about its middle, with a soft rim.
-    disk = np.clip((np.degrees(np.arccos(np.clip(cosine, -1, 1))) - 1.75) / -0.5, 0, 1)
+    # A disk of 2.5 degrees about its middle, with a soft rim.
+    disk = np.clip((np.degrees(np.arccos(np.clip(cosine, -1, 1))) - 2.75) / -0.5, 0, 1)
     steel = Material("metal", alpha=0.25, eta=2.9, k=3.1)
     silver = Material("metal", alpha=0.1, eta=0.2, k=3.9)
     glass = Material("glass", eta=1.5)
@@ -155,7 +155,7 @@ def glass_and_metal() -> BenchScene:
         target=(0.0, 0.45, 0.3),
         fov_deg=36.0,
         parts=[*balls, Part("plane", shapes.ground(100.0), diffuse(0.5, 0.48, 0.45))],
-        sky=(sky + 600.0 * disk * [1.0, 0.9, 0.75]).astype(np.float32),
+        sky=(sky + 220.0 * disk * [1.0, 0.9, 0.75]).astype(np.float32),
     )
 
 
@@ -164,14 +164,14 @@ def many_lights(count: int = 1000) -> BenchScene:
     number = np.arange(count)
     # The seeds of a sunflower: even, without rows.
     radius, angle = 6.0 * np.sqrt((number + 0.5) / count), number * GOLDEN_ANGLE
-    height = 0.8 + 0.2 * np.sin(1.7 * radius) + 0.1 * np.cos(3.0 * angle)
+    height = 1.4 + 0.3 * np.sin(1.7 * radius) + 0.1 * np.cos(3.0 * angle)
     centers = np.stack([radius * np.cos(angle), height, radius * np.sin(angle)], axis=1)
-    half = 0.02 * (1000 / count) ** 0.5
+    half = 0.03 * (1000 / count) ** 0.5
     square = half * np.array([(-1, 0, -1), (1, 0, -1), (1, 0, 1), (-1, 0, 1)], np.float64)
     corners = centers[:, None, :] + square
     colors: list[Rgb] = [
-        (60, 20, 12), (60, 36, 12), (48, 48, 16), (16, 48, 20),
-        (12, 44, 44), (12, 24, 64), (36, 16, 60), (52, 14, 36),
+        (30, 10, 6), (30, 18, 6), (24, 24, 8), (8, 24, 10),
+        (6, 22, 22), (6, 12, 32), (18, 8, 30), (26, 7, 18),
     ]  # fmt: skip
     lamps = [
         Part(f"lamps_{i}", shapes.quads(corners[i :: len(colors)]), LAMP, radiance=color)
