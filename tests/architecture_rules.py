@@ -63,7 +63,8 @@ PYTHON_ROOMS: dict[str, Room] = {
     "jobs": Room(
         {f"raykiln_service.{name}" for name in ("errors", "files", "jobs", "logs", "planner")}
         | {"raykiln_service.access"}
-        | {"raykiln_service", "raykiln_service.settings"},
+        | {"raykiln_service", "raykiln_service.settings"}
+        | {f"raykiln_service.webhooks.{name}" for name in ("addresses", "signatures")},
         set(),
     ),
     "store": Room(
@@ -71,8 +72,11 @@ PYTHON_ROOMS: dict[str, Room] = {
         | {f"raykiln_service.{name}" for name in ("beside", "idempotency", "ownership", "quotas")}
         | {f"raykiln_service.{name}" for name in ("tables_access", "tokens", "upload_rows")}
         | {f"raykiln_service.{name}" for name in ("migrations", "store_base", "store_queue")}
-        | {"raykiln_service.store_retention"}
-        | {f"raykiln_service.{name}" for name in ("tables", "tables_frames", "units")},
+        | {"raykiln_service.store_retention", "raykiln_service.outbox"}
+        | {
+            f"raykiln_service.{name}"
+            for name in ("tables", "tables_frames", "tables_webhooks", "units")
+        },
         {"jobs"},
     ),
     "assets": Room(
@@ -84,6 +88,7 @@ PYTHON_ROOMS: dict[str, Room] = {
         {f"raykiln_service.{name}" for name in ("events", "metrics", "queueing")},
         {"jobs", "store"},
     ),
+    "webhooks": Room({"raykiln_service.webhooks"}, {"jobs", "store", "events", "renderer"}),
     "executors": Room(
         {"raykiln_service.executors"},
         {"jobs", "sandbox", "assets", "renderer", "scene", "image"},
@@ -95,13 +100,17 @@ PYTHON_ROOMS: dict[str, Room] = {
     ),
     "routes": Room(
         {f"raykiln_service.{name}" for name in ("framing", "routes", "schemas", "schemas_frames")}
-        | {"raykiln_service.archive", "raykiln_service.submission"},
+        | {
+            "raykiln_service.archive",
+            "raykiln_service.submission",
+            "raykiln_service.schemas_webhooks",
+        },
         {"jobs", "store", "assets", "events", "renderer", "errors", "scene", "image"},
     ),
     "app": Room(
         {f"raykiln_service.{name}" for name in ("app", "middleware", "openapi")}
         | {"raykiln_service.protocol", "raykiln_service.service"},
-        {"jobs", "store", "assets", "events", "executors", "dispatcher", "routes"}
+        {"jobs", "store", "assets", "events", "executors", "dispatcher", "routes", "webhooks"}
         | {"renderer", "errors"},
     ),
     "client": Room({"raykiln_service.client"}, {"jobs", "formats"}),
@@ -113,7 +122,7 @@ PYTHON_ROOMS: dict[str, Room] = {
 
 # Where a library may be imported: the renderer needs few, and `import raykiln` stays quick.
 PYTHON_LIBRARIES: dict[str, set[str]] = {
-    "sqlalchemy": {"store", "dispatcher", "app"},
+    "sqlalchemy": {"store", "webhooks", "dispatcher", "app"},
     "alembic": {"store"},
     "fastapi": {"routes", "app"},
     "starlette": {"routes", "app"},

@@ -36,7 +36,17 @@ from raykiln_service.errors import (
 from raykiln_service.middleware import Guard, problem_reply
 from raykiln_service.openapi import describe, operation_id
 from raykiln_service.protocol import connections_allowed, patient_protocol
-from raykiln_service.routes import about, assets, events, frames, jobs, outputs, queue, uploads
+from raykiln_service.routes import (
+    about,
+    assets,
+    deliveries,
+    events,
+    frames,
+    jobs,
+    outputs,
+    queue,
+    uploads,
+)
 from raykiln_service.routes.access import authorize
 from raykiln_service.service import Service
 from raykiln_service.settings import ServiceSettings
@@ -71,7 +81,7 @@ def create_app(service: Service) -> FastAPI:
         generate_unique_id_function=operation_id,
     )
     app.state.context = service.context
-    parts = (jobs, events, frames, outputs, assets, uploads, queue, about)
+    parts = (jobs, events, frames, deliveries, outputs, assets, uploads, queue, about)
     routers = [*(part.router for part in parts), events.feed_router]
     for router in routers:
         app.include_router(router, dependencies=[Depends(authorize)])

@@ -107,6 +107,18 @@ class Lease:
 
 
 @dataclass(frozen=True, slots=True)
+class Webhook:
+    """Who is to hear how a job ends."""
+
+    url: str
+    host: str
+    """Host and port in the URL: messages to the same one wait for each other."""
+    events: tuple[str, ...] = ("succeeded", "failed", "cancelled")
+    secret: str | None = field(default=None, repr=False)
+    """Key of the signatures; None = the service's own."""
+
+
+@dataclass(frozen=True, slots=True)
 class JobSpec:
     """What was asked for; never changes."""
 
@@ -127,6 +139,9 @@ class JobSpec:
     """Most memory that it may take, if less than the service allows."""
     timeout_s: float | None = None
     """Longest time on a slot, all attempts together."""
+
+    webhook: Webhook | None = None
+    """Given at submission, kept by the store on its own."""
 
     @property
     def limits(self) -> dict[str, float]:

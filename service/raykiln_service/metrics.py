@@ -35,6 +35,8 @@ class Metrics:
         self.rays_per_s = Gauge(
             "raykiln_rays_per_second", "Of the last finished job.", registry=self.registry
         )
+        self.webhooks = self._counter("webhooks", "Attempts at deliveries, by result.", "result")
+        self.webhook_s = self._histogram("webhook_seconds", "Time of an attempt at a delivery.")
         self.readers = Gauge("raykiln_event_readers", "Open event streams.", registry=self.registry)
 
     def note_result(self, queue_s: float, stats: Mapping[str, Any]) -> None:

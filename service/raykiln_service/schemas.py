@@ -11,6 +11,7 @@ from raykiln.settings import RenderSettings
 
 from raykiln_service.jobs import Job, JobState
 from raykiln_service.schemas_frames import FrameChoice, FramesView
+from raykiln_service.schemas_webhooks import WebhookChoice
 
 _NO_CONTROLS = r"^[^\x00-\x1f\x7f]*$"
 LabelText = Annotated[str, StringConstraints(min_length=1, max_length=200, pattern=_NO_CONTROLS)]
@@ -78,10 +79,12 @@ class JobRequest(BaseModel):
     the image so far."""
     cache: bool = True
     """Whether the result of an identical job may be the answer; false = render in any case."""
-    labels: Annotated[
-        dict[LabelText, LabelValue], Field(max_length=32)
-    ] = Field(default_factory=dict)
+    labels: Annotated[dict[LabelText, LabelValue], Field(max_length=32)] = Field(
+        default_factory=dict
+    )
     """Names and values to find the job by."""
+    webhook: WebhookChoice | None = None
+    """Who is to hear how it ends; see `GET /v1/jobs/{id}/deliveries`."""
 
 
 class AssetView(BaseModel):
@@ -383,6 +386,7 @@ def _span_s(start_ms: int, end_ms: int) -> float:
 
 def _links(job: Job, base: str) -> dict[str, str]:
     links = {"self": base, "events": f"{base}/events", "log": f"{base}/outputs/log.txt"}
+    links["deliveries"] = f"{base}/deliveries"
     if job.spec.frames is not None:
         links["frames"] = f"{base}/frames"
     if job.started_ms is not None:

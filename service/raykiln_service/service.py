@@ -23,6 +23,7 @@ from raykiln_service.executors.local import LocalExecutor
 from raykiln_service.executors.nursery import Nursery
 from raykiln_service.logs import get_logger
 from raykiln_service.metrics import Metrics
+from raykiln_service.outbox import Outbox
 from raykiln_service.queueing import QueueWatch
 from raykiln_service.retention import Keeper, Rounds
 from raykiln_service.routes.context import Context
@@ -31,6 +32,7 @@ from raykiln_service.store import Store
 from raykiln_service.submission import Submissions
 from raykiln_service.tokens import TokenStore
 from raykiln_service.uploads import Uploads
+from raykiln_service.webhooks.sender import Sender, horizon_ms
 
 _STOP_S = 4.0
 
@@ -82,12 +84,16 @@ class Service:
         )
         keeper = Keeper(self.store, self.assets, settings, self.hub.forget)
         self.rounds = Rounds(keeper, settings.gc_interval_s, self.metrics.note_sweep)
+        outbox = Outbox(self.database, self.store.clock, horizon_ms(settings))
+        self.sender = Sender(outbox, settings, self.metrics)
+        self.store.listen(self.sender.heard)
         self.context = Context(
             settings=settings,
             store=self.store,
             assets=self.assets,
             uploads=self.uploads,
             hub=self.hub,
+            outbox=outbox,
             metrics=self.metrics,
             submissions=Submissions(self.store, self.assets, self.checks, cache, settings),
             queue=QueueWatch(self.store, self.hub, settings.slots),
@@ -105,6 +111,7 @@ class Service:
         get_logger().info("render processes are confined", **self.context.sandbox)
         self.dispatcher.start()
         self.rounds.start()
+        self.sender.start()
 
     def readiness(self) -> dict[str, str]:
         """ "ok" or what is wrong, by part."""
@@ -127,6 +134,7 @@ class Service:
         self.begin_stop()
         self.dispatcher.finish_stop(_STOP_S)
         self.rounds.stop(_STOP_S)
+        self.sender.stop(_STOP_S)
         self.checks.close()
         self._nursery.close()
         self.database.close()

@@ -7,13 +7,15 @@ import os
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, SecretStr, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, SecretStr, ValidationError, field_validator
 
 from raykiln_service.access import Limits
 from raykiln_service.errors import StartupError
+from raykiln_service.webhooks.signatures import key_of
 
 _GIB = 1 << 30
 _LISTS = {"allowed_hosts"}
+_SECRETS = {"token", "webhook_secret"}
 # A pause that is longer was written by a clock that was ahead.
 MAX_DELAY_S = 300.0
 
@@ -117,8 +119,27 @@ class ServiceSettings(BaseModel):
     """Time between heartbeats of a running attempt."""
     checkpoint_interval_s: Annotated[float, Field(ge=0)] = 5.0
     """Render time between checkpoints (they are written at pass ends)."""
+    webhook_secret: SecretStr | None = None
+    """Key of the signatures of webhooks that bring none of their own."""
+    webhook_allow_private: bool = False
+    """Whether webhooks may lead to private and loopback addresses, and to any port."""
+    webhook_timeout_s: Annotated[float, Field(gt=0, le=20)] = 10.0
+    """Time for one delivery in all."""
+    webhook_max_attempts: Annotated[int, Field(ge=1, le=100)] = 12
+    """Deliveries of a message that is not accepted are given up after so many."""
+    webhook_retry_delay_s: Annotated[float, Field(gt=0, le=3600)] = 5.0
+    """Pause after the first delivery that failed; each further one makes it four times as long."""
+    webhook_retry_delay_max_s: Annotated[float, Field(gt=0, le=24 * 3600)] = 6 * 3600.0
+    """Longest such pause."""
     log_format: Literal["auto", "json", "console"] = "auto"
     """How the log looks; auto = console on a terminal, JSON lines otherwise."""
+
+    @field_validator("webhook_secret")
+    @classmethod
+    def _is_key(cls, secret: SecretStr | None) -> SecretStr | None:
+        if secret is not None:
+            key_of(secret.get_secret_value())
+        return secret
 
     @classmethod
     def create(cls, **values: Any) -> ServiceSettings:
@@ -142,7 +163,7 @@ class ServiceSettings(BaseModel):
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             name = ".".join(map(str, first["loc"])) or "settings"
-            shown = "" if name == "token" else f" (found {first.get('input')!r})"
+            shown = "" if name in _SECRETS else f" (found {first.get('input')!r})"
             raise StartupError(f"{name}: {first['msg']}{shown}") from None
 
     def retry_pause_s(self, failures: int) -> float:

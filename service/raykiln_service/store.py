@@ -23,6 +23,7 @@ from raykiln_service.errors import (
 from raykiln_service.idempotency import IDEMPOTENCY_MS, job_of_key, keep_key, prune_keys
 from raykiln_service.jobs import Job, JobEvent, JobSpec, JobState
 from raykiln_service.leases import LeaseStore
+from raykiln_service.outbox import add_webhook
 from raykiln_service.ownership import own_asset, owned_assets
 from raykiln_service.quotas import admit_bytes, admit_job
 from raykiln_service.rows import Asset, StateEvent, asset_of, dump, event_of, job_of
@@ -210,6 +211,8 @@ class Store(LeaseStore, QueueStore, RetentionStore):
         self, connection: sa.Connection, job_id: str, spec: JobSpec, origin: Origin
     ) -> None:
         add_frames(connection, job_id, spec.planned, self.clock())
+        if spec.webhook is not None:
+            add_webhook(connection, job_id, spec.webhook)
         if spec.labels:
             rows = [{"job_id": job_id, "key": k, "value": v} for k, v in spec.labels.items()]
             connection.execute(job_labels.insert(), rows)

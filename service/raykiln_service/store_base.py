@@ -20,6 +20,7 @@ from raykiln_service.jobs import (
     Lease,
     next_state,
 )
+from raykiln_service.outbox import announce
 from raykiln_service.rows import StateEvent, dump, job_of
 from raykiln_service.tables import IS_RUNNING, events, jobs
 
@@ -123,6 +124,7 @@ class StoreBase:
         query = events.insert().values(job_id=job_id, at_ms=now, data=dump(data))
         key = change.connection.execute(query).inserted_primary_key
         assert key is not None
+        announce(change.connection, job_id, state, now)
         change.events.append(StateEvent(key[0], job_id, now, data))
 
     def _held_job(self, connection: sa.Connection, lease: Lease) -> Job:

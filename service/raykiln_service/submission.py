@@ -22,12 +22,15 @@ from raykiln_service.errors import (
 )
 from raykiln_service.files import remove_tree
 from raykiln_service.framing import checked_outputs, plan_frames
-from raykiln_service.jobs import Job, JobSpec, new_job_id
+from raykiln_service.jobs import Job, JobSpec, Webhook, new_job_id
 from raykiln_service.rows import dump
 from raykiln_service.schemas import JobRequest
+from raykiln_service.schemas_webhooks import WebhookChoice
 from raykiln_service.settings import ServiceSettings
 from raykiln_service.store import Store
 from raykiln_service.store_queue import Traits
+from raykiln_service.webhooks.addresses import ForbiddenTargetError, parse_url
+from raykiln_service.webhooks.signatures import ACCEPTED
 
 
 class SceneChecker(Protocol):
@@ -127,6 +130,7 @@ class Submissions:
     def _checked(
         self, job_id: str, request: JobRequest, caller: Caller
     ) -> tuple[JobSpec, int, Traits]:
+        webhook = self._webhook(request.webhook)
         if request.scene.inline is not None:
             self._assets.keep_inline(job_id, request.scene.inline)
             scene: dict[str, Any] = {"inline": True}
@@ -144,6 +148,7 @@ class Submissions:
             warnings=tuple(report["warnings"]),
             memory_bytes=request.memory_bytes,
             timeout_s=request.timeout_s,
+            webhook=webhook,
             **self._frames(request, resolved, report),
         )
         scene_sha256 = report["summary"]["scene_sha256"]
@@ -165,6 +170,28 @@ class Submissions:
             use_cache=request.cache and self._settings.result_cache,
         )
 
+    def _webhook(self, choice: WebhookChoice | None) -> Webhook | None:
+        """Who is to hear of the job; the name is looked up only when there is news."""
+        if choice is None:
+            return None
+        try:
+            allow_private = self._settings.webhook_allow_private
+            target = parse_url(choice.url, allow_private=allow_private)
+        except ForbiddenTargetError as error:
+            raise InvalidRequestError(
+                str(error),
+                pointer="/webhook/url",
+                found=shorten(choice.url),
+                accepted="an https:// or http:// URL of the public internet",
+            ) from None
+        if choice.secret is None and self._settings.webhook_secret is None:
+            raise InvalidRequestError(
+                "this service has no secret of its own to sign with",
+                pointer="/webhook/secret",
+                accepted=ACCEPTED,
+            )
+        events = tuple(dict.fromkeys(choice.events))
+        return Webhook(choice.url, target.authority, events, choice.secret)
 
     def _frames(
         self, request: JobRequest, resolved: RenderSettings, report: Mapping[str, Any]
@@ -199,13 +226,18 @@ def request_error_of(error: ValidationError, body: Any) -> InvalidRequestError:
     pointer = pointer_of(first["loc"], body) or None
     in_settings = first["loc"][:1] == ("settings",)
     kind = InvalidSettingsError if in_settings else InvalidRequestError
-    found = None if first["type"] == "missing" else shorten(first.get("input"))
+    hidden = first["type"] == "missing" or _holds_secret(first["loc"])
+    found = None if hidden else shorten(first.get("input"))
     return kind(
         first["msg"].removeprefix("Value error, "),
         pointer=pointer,
         found=found,
         accepted=_accepted(first.get("ctx", {})),
     )
+
+
+def _holds_secret(place: tuple[int | str, ...]) -> bool:
+    return place[:1] == ("webhook",) and (len(place) == 1 or place[-1] == "secret")
 
 
 _BOUNDS = {"ge": "at least", "gt": "more than", "le": "at most", "lt": "less than"}

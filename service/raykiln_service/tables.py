@@ -77,6 +77,7 @@ jobs = Table(
     Column("use_cache", Integer, nullable=False, server_default=text("1")),
     Column("owner", Text),
     Column("pixel_samples", BigInt, nullable=False, server_default=text("0")),
+    Column("trace", Text),
     Column("limits", Text),
     Column("used_ms", BigInt, nullable=False, server_default=text("0")),
     CheckConstraint(

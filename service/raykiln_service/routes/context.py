@@ -17,6 +17,7 @@ from raykiln_service.errors import MalformedRequestError, MediaTypeError, NotFou
 from raykiln_service.events import EventHub
 from raykiln_service.jobs import Job, JobState
 from raykiln_service.metrics import Metrics
+from raykiln_service.outbox import Outbox
 from raykiln_service.queueing import QueueWatch, Turn
 from raykiln_service.schemas import EtaView, JobView, Problem, job_view
 from raykiln_service.schemas_frames import frames_view
@@ -43,6 +44,7 @@ class Context:
     assets: AssetStore
     uploads: Uploads
     hub: EventHub
+    outbox: Outbox
     metrics: Metrics
     submissions: Submissions
     queue: QueueWatch
