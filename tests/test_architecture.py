@@ -67,11 +67,11 @@ def test_a_wrong_include_is_found(tmp_path: Path, file: str, line: str, complain
 @pytest.mark.parametrize(
     ("module", "line", "target"),
     [
-        ("raykiln.render", "import raykiln_service.jobs", "raykiln_service.jobs"),
-        ("raykiln.render", "from raykiln_service import jobs", "raykiln_service.jobs"),
+        ("raykiln.rendering", "import raykiln_service.jobs", "raykiln_service.jobs"),
+        ("raykiln.rendering", "from raykiln_service import jobs", "raykiln_service.jobs"),
         ("raykiln.scene", "from raykiln import formats", "raykiln.formats"),
-        ("raykiln.render", "from raykiln.formats import gltf", "raykiln.formats.gltf"),
-        ("raykiln.formats.gltf", "import raykiln.render", "raykiln.render"),
+        ("raykiln.rendering", "from raykiln.formats import gltf", "raykiln.formats.gltf"),
+        ("raykiln.formats.gltf", "import raykiln.rendering", "raykiln.rendering"),
         ("raykiln_service.routes.jobs", "from ..executors import local", "executors.local"),
         (
             "raykiln_service.executors.local",
@@ -79,12 +79,12 @@ def test_a_wrong_include_is_found(tmp_path: Path, file: str, line: str, complain
             "routes.jobs",
         ),
         ("raykiln_service.jobs", "def f():\n    from . import store", "raykiln_service.store"),
-        ("raykiln.render", "import sqlalchemy as sa", "sqlalchemy"),
+        ("raykiln.rendering", "import sqlalchemy as sa", "sqlalchemy"),
         ("raykiln_service.jobs", "from fastapi import FastAPI", "fastapi"),
     ],
 )
 def test_a_wrong_import_is_found(tmp_path: Path, module: str, line: str, target: str) -> None:
-    modules = {"raykiln.render", "raykiln.scene", "raykiln.formats.gltf", "raykiln_service.jobs"}
+    modules = {"raykiln.rendering", "raykiln.scene", "raykiln.formats.gltf", "raykiln_service.jobs"}
     modules |= {"raykiln_service.routes.jobs", "raykiln_service.executors.local"}
     for name in sorted(modules | {"raykiln_service.store"}):
         folder = tmp_path / ("service" if name.startswith("raykiln_service") else "core")

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import raykiln as rk
-from raykiln.render import isa
+from raykiln.rendering import isa
 
 from raykiln_service.assets import AssetStore
 from raykiln_service.files import remove_tree, sha256_of, sync_dir

@@ -90,3 +90,13 @@ def test_a_command_imports_only_what_it_needs(line: list[str], unwanted: str) ->
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True
     )
     assert done.stdout.splitlines()[-1] == "loaded:"
+
+
+def test_importing_raykiln_waits_for_nothing_heavy() -> None:
+    program = (
+        "import sys, raykiln; print(sorted({'numpy', 'pydantic', 'httpx'} & set(sys.modules)))"
+    )
+    ran = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert ran.stdout == "[]\n"

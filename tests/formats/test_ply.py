@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from raykiln.errors import SceneError
 from raykiln.formats import load
 from raykiln.formats.ply import read_mesh
-from raykiln.render import check
+from raykiln.rendering import check
 from raykiln.scene import Mesh
 
 SQUARE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], np.float32)
