@@ -85,7 +85,7 @@ PYTHON_ROOMS: dict[str, Room] = {
         {"jobs", "store", "renderer", "formats"},
     ),
     "events": Room(
-        {f"raykiln_service.{name}" for name in ("events", "metrics", "queueing")},
+        {f"raykiln_service.{name}" for name in ("events", "metrics", "queueing", "telemetry")},
         {"jobs", "store"},
     ),
     "webhooks": Room({"raykiln_service.webhooks"}, {"jobs", "store", "events", "renderer"}),
@@ -108,7 +108,7 @@ PYTHON_ROOMS: dict[str, Room] = {
         {"jobs", "store", "assets", "events", "renderer", "errors", "scene", "image"},
     ),
     "app": Room(
-        {f"raykiln_service.{name}" for name in ("app", "middleware", "openapi")}
+        {f"raykiln_service.{name}" for name in ("app", "middleware", "observing", "openapi")}
         | {"raykiln_service.protocol", "raykiln_service.service"},
         {"jobs", "store", "assets", "events", "executors", "dispatcher", "routes", "webhooks"}
         | {"renderer", "errors"},
@@ -128,6 +128,7 @@ PYTHON_LIBRARIES: dict[str, set[str]] = {
     "starlette": {"routes", "app"},
     "uvicorn": {"app"},
     "httpx": {"client"},
+    "opentelemetry": {"events"},
     "PIL": {"executors"},
     "av": {"executors"},
     "typer": {"commands"},

@@ -34,6 +34,7 @@ from raykiln_service.errors import (
     error_of_status,
 )
 from raykiln_service.middleware import Guard, problem_reply
+from raykiln_service.observing import Observer
 from raykiln_service.openapi import describe, operation_id
 from raykiln_service.protocol import connections_allowed, patient_protocol
 from raykiln_service.routes import (
@@ -88,6 +89,8 @@ def create_app(service: Service) -> FastAPI:
     app.state.routes = [route for router in routers for route in router.routes]
     _add_error_handlers(app)
     app.add_middleware(Guard, settings=service.settings, tokens=service.tokens)
+    # Added last, so that it sees what the guard refuses too.
+    app.add_middleware(Observer, metrics=service.metrics, tracing=service.tracing)
     app.openapi = lambda: describe(app, service.settings.asks_for_token)  # type: ignore[method-assign]
     return app
 
@@ -231,5 +234,10 @@ def _as_service_error(request: Request, error: Exception) -> ServiceError:
         if "full" in str(error.orig):
             return StorageFullError()
         return UnavailableError("the database does not answer", headers={"Retry-After": "5"})
-    logs.get_logger().error("request broke", path=request.url.path, exc_info=error)
+    logs.get_logger().error(
+        "request broke",
+        path=request.url.path,
+        job=request.path_params.get("job_id"),
+        exc_info=error,
+    )
     return ServiceError()

@@ -30,6 +30,7 @@ from raykiln_service.metrics import Metrics
 from raykiln_service.planner import Unit, plan
 from raykiln_service.settings import ServiceSettings
 from raykiln_service.store import Store
+from raykiln_service.telemetry import AttemptTrace, Tracing
 
 Made = TypeVar("Made")
 
@@ -56,6 +57,7 @@ class Attempt:
         metrics: Metrics,
         settings: ServiceSettings,
         is_stopping: Callable[[], bool],
+        tracing: Tracing | None = None,
     ) -> None:
         assert job.lease is not None
         self._job = job
@@ -66,6 +68,8 @@ class Attempt:
         self._metrics = metrics
         self._settings = settings
         self._is_stopping = is_stopping
+        self._tracing = tracing or Tracing()
+        self._trace = AttemptTrace(None, None)
         self._folder = assets.job_dir(job.id)
         self._folder.mkdir(parents=True, exist_ok=True)
         self._work_dir = self._folder / f"work-{self._lease.token}"
@@ -79,6 +83,10 @@ class Attempt:
 
     def run(self, slot: int, executor: Executor) -> None:
         """Render and commit; every way out leaves the job in a state from which it goes on."""
+        with self._tracing.attempt(self._job) as self._trace:
+            self._run(slot, executor)
+
+    def _run(self, slot: int, executor: Executor) -> None:
         self._say("begins")
         try:
             self._clean()
@@ -227,7 +235,7 @@ class Attempt:
 
     def _fail(self, error: Mapping[str, Any], kept: Mapping[str, Any] | None = None) -> None:
         self._say(f"failed: {error['detail']}")
-        self._end(lambda: self._store.fail(self._lease, error, kept))
+        self._end(lambda: self._store.fail(self._lease, error, kept), error["reason"])
 
     def _broken(self, error: Mapping[str, Any]) -> None:
         trouble = storage_trouble(self._folder)
@@ -247,11 +255,12 @@ class Attempt:
         own_fault: bool = True,
     ) -> None:
         self._say(f"lost: {detail}")
-        self._metrics.lost.labels(reason).inc()
+        self._metrics.note_loss(reason)
         problem = error or {"reason": reason, "title": "The attempt was lost", "detail": detail}
         delay_s = self._settings.retry_pause_s(self._job.failures + self._job.stalls)
         self._end(
-            lambda: self._store.lose(self._lease, problem, own_fault=own_fault, delay_s=delay_s)
+            lambda: self._store.lose(self._lease, problem, own_fault=own_fault, delay_s=delay_s),
+            reason,
         )
 
     def _keep(self, partial: Mapping[str, Any] | None) -> dict[str, Any] | None:
@@ -266,6 +275,7 @@ class Attempt:
     ) -> dict[str, Any]:
         """The outputs in their final folder, durably; what the database will say of them."""
         stats = {**result["stats"], **(times or self._times())}
+        self._trace.rendered(stats if kind != "result" or self._job.spec.frames is None else {})
         write_json(self._work_dir / "stats.json", stats)
         files = [_describe(path) for path in sorted(self._work_dir.iterdir())]
         place = self._folder / f"{kind}-{self._lease.token}"
@@ -281,12 +291,15 @@ class Attempt:
             "total_s": max(0.0, (self._store.clock() - created) / 1000),
         }
 
-    def _end(self, commit: Callable[[], JobState]) -> None:
-        """Commit the end."""
+    def _end(self, commit: Callable[[], JobState], reason: str | None = None) -> None:
+        """Commit the end; `reason` says why the attempt did not deliver."""
         state = self._committed(commit)
         self._say(f"ends, the job is {state}")
-        if state.is_final:
-            self._metrics.ended.labels(str(state)).inc()
+        self._trace.ended(state)
+        if reason is not None and state is JobState.FAILED:
+            self._metrics.note_failure(reason)
+        elif reason is not None and state is JobState.QUEUED:
+            self._metrics.retried.inc()
 
     def _committed(self, commit: Callable[[], Made]) -> Made:
         """Commit; a database that cannot take it now is asked again."""

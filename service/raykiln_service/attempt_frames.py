@@ -85,7 +85,9 @@ class FramesAttempt(Attempt):
         self._say(f"frame {record.frame.name}: {error['detail']}")
         is_last = record.failures + 1 >= self._job.max_attempts
         if outcome.kind is OutcomeKind.BROKEN:
-            self._metrics.lost.labels(error["reason"]).inc()
+            self._metrics.note_loss(error["reason"])
+            if not is_last:
+                self._metrics.retried.inc()
         rejected = outcome.kind is OutcomeKind.REJECTED
         state = FrameState.FAILED if rejected or is_last else FrameState.QUEUED
         self._commit_frame(record, state, error=error)

@@ -21,6 +21,7 @@ from raykiln_service.metrics import Metrics
 from raykiln_service.rows import StateEvent
 from raykiln_service.settings import ServiceSettings
 from raykiln_service.store import Store
+from raykiln_service.telemetry import Tracing
 
 _IDLE_S = 0.5
 _SWEEP_S = 5.0
@@ -42,6 +43,7 @@ class Dispatcher:
         hub: EventHub,
         metrics: Metrics,
         settings: ServiceSettings,
+        tracing: Tracing | None = None,
     ) -> None:
         self.owner = secrets.token_hex(8)
         self._store = store
@@ -51,6 +53,7 @@ class Dispatcher:
         self._hub = hub
         self._metrics = metrics
         self._settings = settings
+        self._tracing = tracing or Tracing()
         self._stopping = threading.Event()
         self._wake = threading.Condition()
         self._signals = 0
@@ -164,6 +167,7 @@ class Dispatcher:
             metrics=self._metrics,
             settings=self._settings,
             is_stopping=self._stopping.is_set,
+            tracing=self._tracing,
         )
 
     def _sweep(self, alone: bool) -> None:

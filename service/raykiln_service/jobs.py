@@ -140,6 +140,8 @@ class JobSpec:
     timeout_s: float | None = None
     """Longest time on a slot, all attempts together."""
 
+    trace: str | None = None
+    """The `traceparent` of its submission, if that was traced."""
     webhook: Webhook | None = None
     """Given at submission, kept by the store on its own."""
 

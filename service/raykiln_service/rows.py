@@ -47,6 +47,7 @@ def job_of(row: RowMapping) -> Job:
         labels=json.loads(row["labels"]),
         warnings=tuple(json.loads(row["warnings"])),
         frames=_load(row["frames"]),
+        trace=row["trace"],
         **(_load(row["limits"]) or {}),
     )
     token = row["lease_token"]

@@ -30,6 +30,7 @@ from raykiln_service.routes.context import Context
 from raykiln_service.settings import ServiceSettings
 from raykiln_service.store import Store
 from raykiln_service.submission import Submissions
+from raykiln_service.telemetry import Tracing
 from raykiln_service.tokens import TokenStore
 from raykiln_service.uploads import Uploads
 from raykiln_service.webhooks.sender import Sender, horizon_ms
@@ -61,6 +62,8 @@ class Service:
         self.hub = EventHub()
         self.store.listen(self.hub.state_changed)
         self.metrics = Metrics(self.store)
+        self.store.listen(self.metrics.heard)
+        self.tracing = Tracing(settings.trace_endpoint)
         allowed = _render_limits(settings)
         self._nursery = nursery = Nursery()
         self.checks = CheckPool(
@@ -80,7 +83,14 @@ class Service:
         layers = self.executor.sandbox_layers()
         cache = ResultCache(self.store, self.assets)
         self.dispatcher = Dispatcher(
-            self.store, self.assets, self.executor, cache, self.hub, self.metrics, settings
+            self.store,
+            self.assets,
+            self.executor,
+            cache,
+            self.hub,
+            self.metrics,
+            settings,
+            self.tracing,
         )
         keeper = Keeper(self.store, self.assets, settings, self.hub.forget)
         self.rounds = Rounds(keeper, settings.gc_interval_s, self.metrics.note_sweep)
@@ -95,7 +105,15 @@ class Service:
             hub=self.hub,
             outbox=outbox,
             metrics=self.metrics,
-            submissions=Submissions(self.store, self.assets, self.checks, cache, settings),
+            submissions=Submissions(
+                self.store,
+                self.assets,
+                self.checks,
+                cache,
+                settings,
+                self.metrics,
+                self.tracing,
+            ),
             queue=QueueWatch(self.store, self.hub, settings.slots),
             readiness=self.readiness,
             sandbox=layers,
@@ -135,6 +153,7 @@ class Service:
         self.dispatcher.finish_stop(_STOP_S)
         self.rounds.stop(_STOP_S)
         self.sender.stop(_STOP_S)
+        self.tracing.close()
         self.checks.close()
         self._nursery.close()
         self.database.close()

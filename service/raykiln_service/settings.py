@@ -131,6 +131,8 @@ class ServiceSettings(BaseModel):
     """Pause after the first delivery that failed; each further one makes it four times as long."""
     webhook_retry_delay_max_s: Annotated[float, Field(gt=0, le=24 * 3600)] = 6 * 3600.0
     """Longest such pause."""
+    trace_endpoint: str | None = None
+    """URL of an OpenTelemetry collector (OTLP over HTTP); needs the extra `telemetry`."""
     log_format: Literal["auto", "json", "console"] = "auto"
     """How the log looks; auto = console on a terminal, JSON lines otherwise."""
 

@@ -185,6 +185,7 @@ class Store(LeaseStore, QueueStore, RetentionStore):
                 labels=dump(dict(spec.labels)),
                 warnings=dump(list(spec.warnings)),
                 frames=None if spec.frames is None else dump(dict(spec.frames)),
+                trace=spec.trace,
                 limits=dump(spec.limits) if spec.limits else None,
                 asset_id=spec.scene.get("asset"),
                 created_ms=now,

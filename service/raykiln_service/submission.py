@@ -23,12 +23,14 @@ from raykiln_service.errors import (
 from raykiln_service.files import remove_tree
 from raykiln_service.framing import checked_outputs, plan_frames
 from raykiln_service.jobs import Job, JobSpec, Webhook, new_job_id
+from raykiln_service.metrics import Metrics
 from raykiln_service.rows import dump
 from raykiln_service.schemas import JobRequest
 from raykiln_service.schemas_webhooks import WebhookChoice
 from raykiln_service.settings import ServiceSettings
 from raykiln_service.store import Store
 from raykiln_service.store_queue import Traits
+from raykiln_service.telemetry import Tracing
 from raykiln_service.webhooks.addresses import ForbiddenTargetError, parse_url
 from raykiln_service.webhooks.signatures import ACCEPTED
 
@@ -50,12 +52,16 @@ class Submissions:
         checker: SceneChecker,
         cache: ResultCache,
         settings: ServiceSettings,
+        metrics: Metrics,
+        tracing: Tracing,
     ) -> None:
         self._store = store
         self._assets = assets
         self._checker = checker
         self._cache = cache
         self._settings = settings
+        self._metrics = metrics
+        self._tracing = tracing
         self._lock = threading.Lock()
         self._in_flight: set[tuple[str | None, str]] = set()
 
@@ -137,7 +143,8 @@ class Submissions:
         else:
             scene = self._assets.resolve(request.scene.model_dump(exclude_none=True), caller)
         place = self._assets.locate(job_id, scene)
-        report = self._checker.check(place, None if "inline" in scene else dump(scene))
+        with self._metrics.check(), self._tracing.span("check", **{"raykiln.job": job_id}):
+            report = self._checker.check(place, None if "inline" in scene else dump(scene))
         resolved = _check_settings(request.settings, report)
         spec = JobSpec(
             scene=scene,
@@ -149,6 +156,7 @@ class Submissions:
             memory_bytes=request.memory_bytes,
             timeout_s=request.timeout_s,
             webhook=webhook,
+            trace=self._tracing.context(),
             **self._frames(request, resolved, report),
         )
         scene_sha256 = report["summary"]["scene_sha256"]

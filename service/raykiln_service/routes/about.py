@@ -79,6 +79,7 @@ def readyz(context: InContext) -> Response:
 @router.get("/metrics", tags=["health"], response_class=Response)
 def metrics(context: InContext) -> Response:
     """For Prometheus."""
+    context.metrics.webhooks_waiting.set(context.outbox.waiting())
     context.metrics.readers.set(context.hub.reader_count())
     return Response(context.metrics.text(), media_type="text/plain; version=0.0.4; charset=utf-8")
 

@@ -16,6 +16,7 @@ from fastapi.concurrency import run_in_threadpool
 from raykiln_service.errors import InvalidRequestError, ServiceError
 from raykiln_service.files import remove_tree
 from raykiln_service.jobs import Job, JobState
+from raykiln_service.logs import get_logger
 from raykiln_service.routes.access import InCaller
 from raykiln_service.routes.context import ERRORS, Context, InContext, read_json
 from raykiln_service.schemas import JobPageView, JobRequest, JobView
@@ -66,6 +67,7 @@ async def create_job(
         raise
     if created:
         context.metrics.submitted.inc()
+        get_logger().info("job accepted", job=job.id, attempt=0, token=caller.name)
         if job.attempts == 0 and job.state is JobState.SUCCEEDED:
             context.metrics.note_answer()
     else:
