@@ -123,7 +123,7 @@ class QueueStore(StoreBase):
         run = sa.select(*what, jobs.c.updated_ms, jobs.c.progress).where(IS_RUNNING)
         with self.database.read() as connection:
             pause = self._pause(connection)
-            waiting = [Waiting._make(row) for row in connection.execute(queued).tuples().all()]
+            waiting = [Waiting(*row) for row in connection.execute(queued).all()]
             rows = connection.execute(run).all()
         running = [
             Running(*row[:5], None if row[5] is None else json.loads(row[5])) for row in rows

@@ -171,9 +171,7 @@ def test_secrets_are_shown_nowhere(
     assert headers["webhook-signature"] == signed["webhook-signature"]
     ended(hooked, job_id)
     with hooked.client() as client:
-        texts = [
-            client.get(f"/v1/jobs/{job_id}{part}").text for part in ("", "/deliveries", "/events")
-        ][:2]
+        texts = [client.get(f"/v1/jobs/{job_id}{part}").text for part in ("", "/deliveries")]
         bad = {"scene": {"inline": ball}, "webhook": {"url": there.url, "secret": OTHER + "?"}}
         reply = client.post("/v1/jobs", json=bad)
         assert (reply.status_code, reply.json()["pointer"]) == (422, "/webhook/secret")
@@ -367,8 +365,6 @@ def test_a_name_that_leads_inside_is_not_followed(
     there = receiver()
     # This machine's own name leads to an address of its private network.
     name = socket.gethostname()
-    with suppress(OSError):
-        socket.gethostbyname(name)
     url = there.url.replace("127.0.0.1", name)
     server = serve(webhook_secret=SECRET, webhook_max_attempts=1)
     with server.client() as client:
