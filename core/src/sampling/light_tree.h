@@ -146,8 +146,8 @@ inline F LightTree::importance(Uint<F> index, const LightReceiverOf<F>& r) const
                      max(distance2, spread2);
     // The mean of the cosine over the part of the cluster above the horizon.
     const F height = dot(r.normal, d);
-    const F cosine = F(0.5f) * (height + sqrt(height * height + spread2)) /
-                     sqrt(distance2 + spread2);
+    const F cosine =
+        F(0.5f) * (height + sqrt(height * height + spread2)) / sqrt(distance2 + spread2);
     const auto above = height + sqrt(radius2) > F(0.0f) - angle_slack * sqrt(distance2);
     const F reached = select(above, max(cosine, least_cosine), F(0.0f));
     const auto any_side = max_abs(r.normal) == F(0.0f);
