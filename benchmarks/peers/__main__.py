@@ -24,7 +24,7 @@ from measure import Bench, Plan
 from process import ChildFailedError, Children
 
 ROOT = Path(__file__).resolve().parents[2]
-FULL = Plan(runs=3, seconds=6.0, reference_s=90.0)
+FULL = Plan(runs=3, seconds=6.0, reference_s=90.0, whole_scenes=tuple(SCENES))
 QUICK = Plan(runs=1, seconds=1.0, reference_s=10.0)
 
 
@@ -66,6 +66,7 @@ def _measure(given: argparse.Namespace, work: Path) -> dict[str, Any]:
         given.seconds or plain.seconds,
         given.reference_seconds or plain.reference_s,
         tuple(given.contender),
+        plain.whole_scenes,
     )
     machine = environment.machine()
     environment.require_system_packages()
@@ -99,6 +100,8 @@ def _scenes(benches: dict[str, Bench], results: dict[str, Any]) -> Iterator[None
 def _processes(benches: dict[str, Bench], results: dict[str, Any]) -> Iterator[None]:
     whole = results.setdefault("whole", {})
     for name, bench in benches.items():
+        if name not in bench.plan.whole_scenes:
+            continue
         say(f"{name}: whole processes")
         if name == "cornell":
             results["cold"] = bench.cold()

@@ -30,6 +30,8 @@ class Plan:
     seconds: float
     reference_s: float
     contenders: tuple[str, ...] = ()
+    whole_scenes: tuple[str, ...] = ("cornell",)
+    """Where whole processes are measured, at many samples even for the slowest."""
 
     def takes(self, contender: Contender) -> bool:
         """Whether a contender takes part."""
