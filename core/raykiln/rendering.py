@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import queue
+import re
 import resource
 import threading
 import time
@@ -314,7 +315,7 @@ class _Job:
             **work,
             spp=self.renderer.samples_done,
             rays_per_s=rays / work["render_s"] if work["render_s"] > 0 else 0.0,
-            peak_memory_bytes=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024,
+            peak_memory_bytes=_peak_memory_bytes(),
             triangles=self.compiled.core.summary()["triangles"],
             threads=self.renderer.threads,
             isa=isa(),
@@ -387,6 +388,18 @@ def _denoised(
         if isinstance(found, BaseException):
             raise found
         return found
+
+
+def _peak_memory_bytes() -> int:
+    """Greatest resident size of this process so far.
+
+    Not by `getrusage`: what that counts begins with the size of the parent.
+    """
+    try:
+        status = Path("/proc/self/status").read_text()
+    except OSError:
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    return int(re.findall(r"VmHWM:\s+(\d+)", status)[0]) * 1024
 
 
 def isa() -> str:
