@@ -337,7 +337,9 @@ def test_one_poisonous_frame_fails_the_job_and_keeps_the_others(
 def test_cancel_keeps_what_is_done_and_retry_renders_the_rest(
     server: Any, client: httpx.Client, ball: dict[str, Any]
 ) -> None:
-    job = server.submit(scene={"inline": ball}, settings=SLOW, frames={"turntable": {"count": 4}})
+    # A frame lasts long enough for the cancel to come well before its end.
+    slow = {**SLOW, "spp": 3 * SLOW["spp"]}
+    job = server.submit(scene={"inline": ball}, settings=slow, frames={"turntable": {"count": 4}})
     server.wait_for(
         job["id"],
         lambda view: (
