@@ -71,7 +71,11 @@ def test_every_imported_library_is_declared(repo_root: Path, declared: dict[str,
     shipped = set(extras) - {"test", "lint", "postgres"}  # its driver is SQLAlchemy's to import
     needs = [*project["dependencies"], *(need for extra in shipped for need in extras[extra])]
     named = {need.partition(">")[0].strip().replace("-", "_") for need in needs}
-    named = {{"pillow": "PIL"}.get(name, name) for name in named}
+    # Libraries that are imported by another name than they are installed by.
+    named = {
+        "PIL" if name == "pillow" else re.sub("^opentelemetry_.*", "opentelemetry", name)
+        for name in named
+    }
     imported = imported_libraries(repo_root / "core") | imported_libraries(repo_root / "service")
     # FastAPI is made of Starlette and re-exports only a part of it.
     assert imported - {"starlette"} <= named

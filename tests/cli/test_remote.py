@@ -132,6 +132,12 @@ def test_download_of_chosen_outputs_and_views(remote: Run, tmp_path: Path) -> No
     assert sorted(path.name for path in (tmp_path / "d").iterdir()) == ["image.png", "stats.json"]
     assert remote("download", job, "-o", "dark.png", "--exposure", "-3").code == 0
     assert read_image("dark.png").mean() < read_image("d/image.png").mean()
+    # As root, taking the place of a device would take it from everybody.
+    os.mkfifo(tmp_path / "pipe.png")
+    ran = remote("download", job, "-o", "pipe.png")
+    assert ran.code != 0
+    assert "not a regular file" in ran.error
+    assert (tmp_path / "pipe.png").is_fifo()
     ran = remote("download", job, "nothing.exr")
     assert ran.code == 2
     assert not (tmp_path / "nothing.exr").exists()

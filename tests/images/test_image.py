@@ -209,6 +209,14 @@ def test_a_name_that_is_no_text(tmp_path: Path) -> None:
     np.testing.assert_array_equal(read_image(path), gradient())
 
 
+def test_what_is_no_file_keeps_its_name(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe.png"
+    os.mkfifo(pipe)
+    with pytest.raises(ImageError, match="not a regular file"):
+        write_png(pipe, gradient())
+    assert pipe.is_fifo()
+
+
 def test_colour_is_chosen_by_name() -> None:
     depth, colour = np.ones((2, 2), np.float32), np.full((2, 2, 3), 0.5, np.float32)
     assert read_image(encode_exr({"depth": depth, "beauty": colour})).shape == (2, 2, 3)

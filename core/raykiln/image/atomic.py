@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import secrets
 from collections.abc import Iterator
@@ -13,9 +14,12 @@ def write_atomically(path: str | os.PathLike[str], data: bytes | memoryview) -> 
     """Write `data` to `path` so that a crash leaves the old file or the new one, never a part.
 
     The bytes go to a temporary file in the same folder, are synced, and take the name at once.
-    Raises `OSError` where the file cannot be written.
+    Raises `OSError` where the file cannot be written, or something else than a file has the name.
     """
     path = Path(path)
+    if path.exists() and not path.is_file():
+        # Taking the name of a device or a pipe would remove it for everybody.
+        raise OSError(errno.EINVAL, "not a regular file", str(path))
     with _temporary_beside(path) as temporary:
         with temporary.open("xb") as file:
             file.write(data)

@@ -18,6 +18,9 @@ class Download:
     """A file that is being received beside its final place."""
 
     def __init__(self, path: Path) -> None:
+        if path.exists() and not path.is_file():
+            # Taking the name of a device or a pipe would remove it for everybody.
+            raise ClientError(f"{path}: is not a regular file")
         self._path = path
         self._temp = path.with_name(f".{path.name}.{secrets.token_hex(4)}")
         self._file = self._temp.open("xb")

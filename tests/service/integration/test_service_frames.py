@@ -338,12 +338,12 @@ def test_cancel_keeps_what_is_done_and_retry_renders_the_rest(
     server: Any, client: httpx.Client, ball: dict[str, Any]
 ) -> None:
     # A frame lasts long enough for the cancel to come well before its end.
-    slow = {**SLOW, "spp": 3 * SLOW["spp"]}
+    slow = {**SLOW, "spp": 12 * SLOW["spp"]}
     job = server.submit(scene={"inline": ball}, settings=slow, frames={"turntable": {"count": 4}})
     server.wait_for(
         job["id"],
         lambda view: (
-            done_frames(view) == 1 and (view["progress"]["spp_done"] or 0) in range(4, 1500)
+            done_frames(view) == 1 and (view["progress"]["spp_done"] or 0) in range(4, 8000)
         ),
     )
     client.post(f"/v1/jobs/{job['id']}/cancel").raise_for_status()

@@ -352,8 +352,7 @@ _QUICK = settings(
 
 
 def _test_case(chosen: settings) -> Any:
-    case = type("Case", (Lives.TestCase,), {"settings": chosen})
-    return case
+    return type("Case", (Lives.TestCase,), {"settings": chosen})
 
 
 TestLives = _test_case(_QUICK)
