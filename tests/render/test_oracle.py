@@ -90,7 +90,11 @@ PUBLIC = {
 }
 
 
-@pytest.mark.parametrize("effort", EFFORTS)
+# Their lamps and glints leave rare bright pixels: bars that hold take more runs.
+PUBLIC_EFFORTS = [EFFORTS[0], pytest.param((30, 144, 3.0), id="close", marks=pytest.mark.slow)]
+
+
+@pytest.mark.parametrize("effort", PUBLIC_EFFORTS)
 @pytest.mark.parametrize("name", PUBLIC)
 def test_public_scene(
     mitsuba: Any,

@@ -23,6 +23,7 @@ from hypothesis.stateful import (
 )
 from raykiln_service.database import Database
 from raykiln_service.errors import ConflictError, GoneError, LeaseLostError, NotFoundError
+from raykiln_service.idempotency import IDEMPOTENCY_MS
 from raykiln_service.jobs import TRANSITIONS, JobEvent, JobSpec, JobState, Lease
 from raykiln_service.leases import MAX_STALLS
 from raykiln_service.store import Store
@@ -100,7 +101,7 @@ class Lives(RuleBasedStateMachine):
         self.url = Database.sqlite_url(path)
         self.open()
         self.jobs: dict[str, Model] = {}
-        self.keys: dict[str, str] = {}
+        self.keys: dict[str, tuple[str, int]] = {}
         self.made = 0
         self.paused = False
 
@@ -123,7 +124,9 @@ class Lives(RuleBasedStateMachine):
     def submit(self, priority: int, attempts: int, key: str | None) -> Any:
         job_id = f"job-{self.made}"
         spec = JobSpec({"name": "x"}, {}, priority=priority)
-        known = None if key is None else self.keys.get(key)
+        known, kept_ms = self.keys.get(key or "", (None, 0))
+        if self.clock.ms - kept_ms > IDEMPOTENCY_MS:
+            known = None  # a key is kept for a day
         if known is not None and known not in self.jobs:
             with pytest.raises(GoneError):
                 self.store.create_job(job_id, spec, key=key, digest="d")
@@ -138,7 +141,7 @@ class Lives(RuleBasedStateMachine):
         self.made += 1
         self.jobs[job_id] = Model(self.made, priority, self._queued_ms(), attempts)
         if key is not None:
-            self.keys[key] = job_id
+            self.keys[key] = (job_id, self.clock.ms)
         return job_id
 
     @rule(target=ids, priority=st.integers(-3, 3))
