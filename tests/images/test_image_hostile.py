@@ -79,7 +79,7 @@ def mutations(whole: bytes, rng: np.random.Generator, count: int) -> Iterable[by
 
 
 @pytest.mark.parametrize(
-    "copies", [pytest.param(6, id="few"), pytest.param(25, id="many", marks=pytest.mark.slow)]
+    "copies", [pytest.param(6, id="few"), pytest.param(15, id="many", marks=pytest.mark.slow)]
 )
 def test_mutated_files(tmp_path: Path, copies: int) -> None:
     rng = np.random.default_rng(20)

@@ -360,5 +360,5 @@ def _test_case(chosen: settings) -> Any:
 
 TestLives = _test_case(_QUICK)
 TestManyLives = pytest.mark.slow(
-    _test_case(settings(_QUICK, max_examples=500, stateful_step_count=80))
+    _test_case(settings(_QUICK, max_examples=120, stateful_step_count=60))
 )
