@@ -90,6 +90,7 @@ class RenderResult:
         exposure: float = 0.0,
         view: images.View = "srgb",
         half: bool = False,
+        compress: bool = True,
     ) -> Path:
         """Write the result: ``.exr`` with all layers, or ``.png`` through a view transform.
 
@@ -103,6 +104,8 @@ class RenderResult:
             srgb, agx, aces or raw; PNG only.
         half
             Store the colours of an EXR as 16-bit floats.
+        compress
+            False writes a larger EXR at several times the speed.
 
         Raises
         ------
@@ -115,7 +118,14 @@ class RenderResult:
         if suffix == ".exr":
             layers = {"beauty": self.image, **self.aovs}
             window = self._window()
-            images.write_exr(path, layers, half=half, metadata=self.metadata(), window=window)
+            images.write_exr(
+                path,
+                layers,
+                half=half,
+                metadata=self.metadata(),
+                window=window,
+                compress=compress,
+            )
         elif suffix == ".png":
             pixels = images.to_png_pixels(self.image, view=view, exposure=exposure)
             metadata = {**self.metadata(), "view": view, "exposure": float(exposure)}
