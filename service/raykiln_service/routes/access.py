@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any, get_args, get_origin
 
 from fastapi import Depends, Request
 from fastapi.concurrency import run_in_threadpool
@@ -68,7 +68,7 @@ async def authorize(request: Request, caller: InCaller, context: InContext) -> N
 
 
 def _check_parameters(request: Request, route: APIRoute) -> None:
-    known = set(_query_names(route.dependant))
+    known = _query_fields(route.dependant)
     for name in request.query_params:
         if name not in known:
             raise InvalidRequestError(
@@ -76,10 +76,24 @@ def _check_parameters(request: Request, route: APIRoute) -> None:
                 pointer=f"?{name[:100]}",
                 accepted=", ".join(sorted(known)) or "none",
             )
+        values = request.query_params.getlist(name)
+        if len(values) > 1 and not _is_list(known[name]):
+            # Which of them counts, the sender and a proxy in between may see differently.
+            raise InvalidRequestError(
+                "the query parameter was given more than once",
+                pointer=f"?{name}",
+                found=", ".join(values)[:200],
+                accepted="one value",
+            )
 
 
-def _query_names(dependant: Dependant) -> list[str]:
-    names = [field.alias for field in dependant.query_params]
+def _query_fields(dependant: Dependant) -> dict[str, Any]:
+    """The types of the query parameters of a route."""
+    found = {field.alias: field.field_info.annotation for field in dependant.query_params}
     for inner in dependant.dependencies:
-        names += _query_names(inner)
-    return names
+        found |= _query_fields(inner)
+    return found
+
+
+def _is_list(annotation: Any) -> bool:
+    return list in (get_origin(annotation), *map(get_origin, get_args(annotation)))

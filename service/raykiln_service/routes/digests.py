@@ -17,6 +17,11 @@ def sha256_of_digest(header: str | None, name: str) -> str | None:
     """The SHA-256 in hex that a digest header gives; None if it gives only other hashes."""
     found = None if header is None else _SHA256.search(header)
     if found is None:
+        if "sha-256" in (header or "").lower():
+            # Passed over in silence, bytes would count as checked that nobody has checked.
+            raise MalformedRequestError(
+                f"{name}: not a SHA-256", found=header, accepted="sha-256=:BASE64:"
+            )
         return None
     digest = decoded(found[1], name)
     if len(digest) != 32:

@@ -181,6 +181,7 @@ def test_a_whole_that_was_damaged_is_dropped(client: httpx.Client, server: Any) 
         ({"Upload-Length": "5", "Upload-Checksum": "md5 AAAA"}, 400),
         ({"Upload-Length": "5", "Upload-Checksum": "sha256 ?"}, 400),
         ({"Upload-Length": "5", "Repr-Digest": "sha-256=:AAAA:"}, 400),
+        ({"Upload-Length": "5", "Repr-Digest": f"sha-256={64 * chr(97)}"}, 400),
     ],
 )
 def test_what_cannot_be_begun(
