@@ -34,7 +34,7 @@ from raykiln_service.telemetry import AttemptTrace, Tracing
 
 Made = TypeVar("Made")
 
-_CANCEL_POLL_S = 0.2
+_CANCEL_POLL_S = 0.1
 MEDIA_TYPES = {
     ".exr": "image/x-exr",
     ".png": "image/png",

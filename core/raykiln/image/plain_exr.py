@@ -30,7 +30,7 @@ def laid_out(header_source: memoryview, channels: Sequence[Channel]) -> memoryvi
         The planes, all of one shape.
     """
     height, width = channels[0][1].shape
-    header, first_x, first_y = _header(header_source, width, height)
+    header, first_y = _header(header_source, width, height)
     # The format wants the channels by name.
     ordered = sorted(channels, key=lambda channel: channel[0].encode())
     planes = [(f"plane{i}", "<f2" if half else "<f4") for i, (_, _, half) in enumerate(ordered)]
@@ -54,10 +54,10 @@ def _as_half(plane: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     return np.where(np.isfinite(plane), clamped, plane)
 
 
-def _header(source: memoryview, width: int, height: int) -> tuple[bytes, int, int]:
-    """The header of `source` for a larger image; the place of its first pixel."""
+def _header(source: memoryview, width: int, height: int) -> tuple[bytes, int]:
+    """The header of `source` for a larger image, and the number of its first line."""
     parts = [bytes(source[:_MAGIC_AND_VERSION])]
-    at, x, y = _MAGIC_AND_VERSION, 0, 0
+    at, y = _MAGIC_AND_VERSION, 0
     while source[at] != 0:
         name_end = _end_of_text(source, at)
         kind_end = _end_of_text(source, name_end)
@@ -71,7 +71,7 @@ def _header(source: memoryview, width: int, height: int) -> tuple[bytes, int, in
             value = struct.pack("<4i", x, y, x + width - 1, y + height - 1)
         parts += [bytes(source[at : kind_end + 4]), value]
         at = kind_end + 4 + size
-    return b"".join([*parts, b"\0"]), x, y
+    return b"".join([*parts, b"\0"]), y
 
 
 def _end_of_text(source: memoryview, start: int) -> int:

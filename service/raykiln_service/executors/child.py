@@ -11,10 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import raykiln as rk
-from raykiln.image import encode_png, to_png_pixels, write_exr
+from raykiln.image import encode_png, to_png_pixels
 
 from raykiln_service.executors.childside import Channel, be_modest, describe, is_out_of_memory
 from raykiln_service.executors.limits import OWN_BYTES
+from raykiln_service.executors.saving import Saving
 from raykiln_service.executors.supervision import out_of_memory
 
 _PROGRESS_S = 0.25
@@ -135,6 +136,8 @@ class Rendering:
             return rk.render(scene, settings, self._on_progress, resume=False, **options)
 
     def _on_progress(self, progress: rk.Progress) -> bool:
+        if self._stops(progress):
+            return False
         now = time.monotonic()
         if now - self._told_at >= _PROGRESS_S or progress.spp_done != self._told_spp:
             self._told_at, self._told_spp = now, progress.spp_done
@@ -149,12 +152,16 @@ class Rendering:
             self._write_preview(progress.preview())
             took = time.monotonic() - now
             self._preview_at = now + max(_PREVIEW_S, took / _PREVIEW_SHARE)
+        return not self._stops(progress)
+
+    def _stops(self, progress: rk.Progress) -> bool:
+        """Whether the end was asked for."""
         reason = self._channel.stop_reason(self._token)
         if reason in _KEEPS_IMAGE and not self._stopping:
             # So that the supervisor knows that this thread has heard it.
             self._stopping = True
             self._tell("progress", progress={"phase": "encode", "fraction": progress.fraction})
-        return reason is None
+        return reason is not None
 
     def _tell_of_checkpoint(self) -> None:
         version = self._checkpoint_version()
@@ -181,17 +188,21 @@ class Rendering:
         if not self._stopping:
             self._tell("progress", progress={"phase": "encode", "fraction": 1.0})
         started = time.monotonic()
+
+        def tell_partial() -> None:
+            # Should the rest take too long after a stop, this is what is kept.
+            self._tell("partial", result=_told(result, time.monotonic() - started))
+
         folder = Path(self._task["work_dir"])
-        result.save(folder / "image.exr")
-        # Should the rest take too long after a stop, this is what is kept.
-        self._tell("partial", result=_told(result, time.monotonic() - started))
-        if "png" in self._task["outputs"]:
-            result.save(folder / "image.png")
-        for name, layer in result.aovs.items():
-            write_exr(folder / f"{name}.exr", {name: layer})
+        Saving(result, folder, self._task["outputs"], tell_partial).run(self._is_to_end)
         told = _told(result, time.monotonic() - started)
-        self._write_preview(result.image)
+        if self._preview_spp == 0 or not self._is_to_end():
+            self._write_preview(result.image)
         return told
+
+    def _is_to_end(self) -> bool:
+        """Whether somebody waits for the image as it is."""
+        return self._channel.stop_reason(self._token) in _KEEPS_IMAGE
 
     def _problem(self, reason: str, title: str, error: BaseException) -> dict[str, Any]:
         return {"reason": reason, "title": title, **describe(error, self._task["base_dir"])}

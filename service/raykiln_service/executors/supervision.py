@@ -14,7 +14,7 @@ from raykiln_service.executors.base import Outcome, OutcomeKind, StopReason, Tas
 from raykiln_service.executors.limits import OWN_BYTES, private_bytes
 from raykiln_service.executors.pool import Worker
 
-_TICK_S = 0.1
+_TICK_S = 0.05
 # How long a child may take to stop by itself; a shutdown also waits for its checkpoint.
 _GRACE_S = {StopReason.CANCEL: 0.6, StopReason.SHUTDOWN: 3.0, StopReason.LEASE_LOST: 0.0}
 _TIMEOUT_GRACE_S = 10.0

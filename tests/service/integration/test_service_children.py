@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import os
 import signal
+import struct
 import time
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from raykiln import denoise
-from raykiln.image import read_exr_layers
+from raykiln.image import read_exr_layers, read_image
 
 SMALL: dict[str, Any] = {"width": 48, "height": 32, "spp": 8, "threads": 1}
 ENDLESS: dict[str, Any] = {"width": 64, "height": 48, "spp": 1 << 20, "threads": 1}
@@ -213,6 +214,12 @@ class TestCancel:
         assert job["state"] == "cancelled"
         return job
 
+    @staticmethod
+    def was_hurried(exr: bytes) -> bool:
+        """Whether the image was written as it is: compressing it would keep somebody waiting."""
+        head = b"compression\0compression\0" + struct.pack("<i", 1)
+        return exr[exr.index(head) + len(head)] == 0
+
     def test_while_a_large_scene_is_loaded(self, serve: Any) -> None:
         server = serve(warm_scenes=0)
         asset = upload(server, large_scene(300_000), "large.obj")
@@ -224,14 +231,18 @@ class TestCancel:
     def test_while_it_renders(self, server: Any, ball: Any) -> None:
         job = self.cancel_in(server, "render", scene={"inline": ball}, settings=ENDLESS)
         assert job["complete"] is False
-        assert read_exr_layers(server.output(job["id"], "image.exr"))["beauty"].mean() > 0
+        image = server.output(job["id"], "image.exr")
+        assert read_exr_layers(image)["beauty"].mean() > 0
+        assert self.was_hurried(image)
 
     @pytest.mark.skipif(not denoise.available(), reason="the denoiser is not installed")
     def test_while_it_denoises(self, server: Any, ball: Any) -> None:
         settings = {"width": 1024, "height": 1024, "spp": 1, "denoise": True}
         job = self.cancel_in(server, "denoise", scene={"inline": ball}, settings=settings)
         assert job["complete"] is False
-        layers = read_exr_layers(server.output(job["id"], "image.exr"))
+        image = server.output(job["id"], "image.exr")
+        assert self.was_hurried(image)
+        layers = read_exr_layers(image)
         # The image is there as it was before denoising.
         assert layers["beauty"].shape == (1024, 1024, 3)
         assert "noisy" not in layers
@@ -242,6 +253,10 @@ class TestCancel:
         assert "image.exr" in [output["name"] for output in job["outputs"]]
         layers = read_exr_layers(server.output(job["id"], "image.exr"))
         assert sorted(layers) == ["albedo", "beauty", "depth"]
+        with server.client() as client:
+            # Also where the time did not suffice to make it before.
+            picture = client.get(f"/v1/jobs/{job['id']}/outputs/image.png").raise_for_status()
+        assert read_image(picture.content).shape == (1024, 1536, 3)
 
 
 def test_nothing_is_left_on_the_desks(serve: Any, ball: Any) -> None:
