@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 
 #include "light/light.h"
+#include "math/wide.h"
 #include "shapes.h"
 
 // Choosing one light of many: probabilities add up, are kept, and leave no light out.
@@ -93,7 +94,7 @@ TEST(LightChoice, DrawsWithItsProbabilities) {
             }
             observed[choice.light] += 1;
             if (i < 20000) {
-                ASSERT_FLOAT_EQ(choice.pmf, pmf_of_light(scene, receiver, choice.light));
+                ASSERT_EQ(choice.pmf, pmf_of_light(scene, receiver, choice.light));
             }
         }
         double sum = 0;
@@ -129,6 +130,88 @@ TEST(LightChoice, LeavesOutNoLightThatReachesTheReceiver) {
         }
     }
     EXPECT_GT(reached, 50000);
+}
+
+/// Lights in heaps: many at one place, others far apart.
+LightTree heaps(std::uint64_t seed, std::uint32_t count) {
+    Rng rng(seed);
+    std::vector<LightBounds> lights(count);
+    Vec3f center(0.0f);
+    for (std::uint32_t i = 0; i < count; ++i) {
+        if (i % 97 == 0) {
+            center = random_point(rng, 10.0f);
+        }
+        LightBounds& b = lights[i];
+        b.bounds.add(center);
+        if (i % 3 != 0) {
+            b.bounds.add(center + random_point(rng, 0.1f));
+        }
+        b.power = i % 11 == 0 ? 0.0f : rng.between(0.1f, 10.0f);
+        b.axis = test::random_direction(rng);
+        b.cos_theta_o = i % 5 == 0 ? -1.0f : 1.0f;
+        b.two_sided = i % 2 == 0;
+    }
+    return LightTree(lights);
+}
+
+TEST(LightTree, ProbabilitiesOfManyLightsAddToOne) {
+    constexpr std::uint32_t count = 3000;
+    const LightTree tree = heaps(141, count);
+    Rng rng(142);
+    for (int i = 0; i < 20; ++i) {
+        LightReceiver r = random_receiver(rng);
+        r.normal = Vec3f(0.0f);
+        double sum = 0;
+        for (std::uint32_t light = 0; light < count; ++light) {
+            const float pmf = tree.pmf<float>(r, light);
+            sum += pmf;
+            if (light % 11 == 0) {
+                ASSERT_EQ(pmf, 0.0f) << "a light without power";
+            }
+        }
+        ASSERT_LT(sum, 1 + 1e-4);
+        ASSERT_GT(sum, 0.9);
+        for (int k = 0; k < 1000; ++k) {
+            const auto choice = tree.sample(r, rng.unit());
+            if (choice.pmf > 0.0f) {
+                ASSERT_EQ(choice.pmf, tree.pmf<float>(r, choice.light));
+            }
+        }
+    }
+}
+
+TEST(LightTree, LanesChooseAsOneNumberDoes) {
+    const LightTree tree = heaps(143, 3000);
+    Rng rng(144);
+    constexpr int width = NumberTraits<Wide>::width;
+    for (int i = 0; i < 5000; ++i) {
+        LightReceiver each[width];
+        LightReceiverOf<Wide> all;
+        float u[width];
+        Wide wide_u(0.0f);
+        for (int lane = 0; lane < width; ++lane) {
+            each[lane] = random_receiver(rng);
+            u[lane] = lane == 0 ? one_minus_epsilon : rng.unit();
+            wide_u.set_lane(lane, u[lane]);
+            const auto set = [&](Vec3<Wide>& to, const Vec3f& v) {
+                to.x.set_lane(lane, v.x);
+                to.y.set_lane(lane, v.y);
+                to.z.set_lane(lane, v.z);
+            };
+            set(all.p, each[lane].p);
+            set(all.normal, each[lane].normal);
+        }
+        const LightChoiceOf<Wide> choice = tree.sample(all, wide_u);
+        const Wide pmf = tree.pmf(all, choice.light);
+        for (int lane = 0; lane < width; ++lane) {
+            const auto one = tree.sample(each[lane], u[lane]);
+            ASSERT_EQ(choice.light.lane(lane), one.light);
+            ASSERT_EQ(choice.pmf.lane(lane), one.pmf);
+            if (one.pmf > 0.0f) {
+                ASSERT_EQ(pmf.lane(lane), one.pmf);
+            }
+        }
+    }
 }
 
 TEST(LightChoice, OneLightIsAlwaysChosen) {

@@ -1,7 +1,10 @@
 #pragma once
 
+#include <cstddef>
+
 #include "light/environment.h"
 #include "light/light.h"
+#include "math/gather.h"
 #include "math/ray.h"
 #include "sampling/spherical.h"
 #include "sampling/warp.h"
@@ -35,27 +38,29 @@ inline LightSampleOf<F> no_light_sample() {
 template <class F>
 inline Vec3<F> emitted_radiance(const Scene& scene, Uint<F> emission, const Vec2<F>& uv,
                                 Mask<F> front) {
-    Vec3<F> radiance(F(0.0f));
-    const auto add = [&](std::uint32_t index, Mask<F> lanes) {
-        const Emission& e = scene.emissions[index];
-        const auto seen = lanes & (front | Mask<F>(e.two_sided != 0));
-        if (any(seen)) {
-            radiance = select(seen, evaluate(e.radiance, scene.textures, uv), radiance);
-        }
-    };
     if constexpr (std::is_same_v<F, float>) {
-        add(emission, true);
+        const Emission& e = scene.emissions[emission];
+        return front || e.two_sided != 0 ? evaluate(e.radiance, scene.textures, uv)
+                                         : Vec3f(0.0f);
     } else {
-        // A few emissions at most: each in turn, for the lanes that have it.
-        auto left = Mask<F>(true);
+        using U = Uint<F>;
+        const Emission* table = scene.emissions.data();
+        static_assert(offsetof(Emission, radiance.texture) == 3 * sizeof(float));
+        const auto row = gather_row<F, 4>(table, emission);
+        const auto seen =
+            front | (gather_member<F>(table, &Emission::two_sided, emission) != U(0u));
+        Vec3<F> radiance{row[0], row[1], row[2]};
+        // A few textures at most: each in turn, for the lanes that have it.
+        auto left = seen & (as_uint(row[3]) != U(static_cast<std::uint32_t>(no_texture)));
         while (any(left)) {
             const std::uint32_t index = emission.lane(std::countr_zero(bits(left)));
-            const auto same = left & (emission == Uint<F>(index));
-            add(index, same);
+            const auto same = left & (emission == U(index));
+            radiance = select(same, evaluate(table[index].radiance, scene.textures, uv),
+                              radiance);
             left = left & !same;
         }
+        return select(seen, radiance, Vec3<F>(F(0.0f)));
     }
-    return radiance;
 }
 
 template <class F>
@@ -235,6 +240,28 @@ inline F pdf_sphere_light(const Vec3<F>& center, F radius, const Vec3<F>& p,
     return select(within, select(seen, pdf_within, F(0.0f)), pdf_outside);
 }
 
+/// An emissive triangle a lane, with the first of its texture coordinates.
+template <class F>
+inline TriangleLightOf<F> triangle_light_at(const LightTable& table, Uint<F> slot) {
+    const auto row = gather_row<F, 16>(table.triangles.data(), slot);
+    return {{row[0], row[1], row[2]},
+            {row[3], row[4], row[5]},
+            {row[6], row[7], row[8]},
+            {row[9], row[10], row[11]},
+            row[12],
+            as_uint(row[13]),
+            {row[14], row[15]},
+            {},
+            {}};
+}
+
+/// An emissive sphere a lane.
+template <class F>
+inline SphereLightOf<F> sphere_light_at(const LightTable& table, Uint<F> slot) {
+    const auto row = gather_row<F, 8>(table.spheres.data(), slot);
+    return {{row[0], row[1], row[2]}, row[3], as_uint(row[4]), as_uint(row[5])};
+}
+
 /// Each lane's own light towards its own point; only lanes in `wanted` count, their
 /// indices must be valid.
 template <class F>
@@ -254,23 +281,14 @@ inline LightSampleOf<F> sample_light(const Scene& scene, Uint<F> light, Mask<F> 
         }
     };
     each(4, [&](U i) {
-        using T = TriangleLight;
-        const T* a = table.triangles.data();
-        const TriangleLightOf<F> l{
-            gather_member<F>(a, &T::p0, i),      gather_member<F>(a, &T::edge1, i),
-            gather_member<F>(a, &T::edge2, i),   gather_member<F>(a, &T::normal, i),
-            gather_member<F>(a, &T::area, i),    gather_member<F>(a, &T::uv0, i),
-            gather_member<F>(a, &T::uv1, i),     gather_member<F>(a, &T::uv2, i),
-            gather_member<F>(a, &T::emission, i)};
+        TriangleLightOf<F> l = triangle_light_at<F>(table, i);
+        const auto uvs = gather_row<F, 4>(table.triangles.data(), i, 16);
+        l.uv1 = {uvs[0], uvs[1]};
+        l.uv2 = {uvs[2], uvs[3]};
         return sample_triangle_light(scene, l, p, u, v);
     });
     each(5, [&](U i) {
-        using T = SphereLight;
-        const T* a = table.spheres.data();
-        const SphereLightOf<F> l{
-            gather_member<F>(a, &T::center, i), gather_member<F>(a, &T::radius, i),
-            gather_member<F>(a, &T::inward, i), gather_member<F>(a, &T::emission, i)};
-        return sample_sphere_light(scene, l, p, u, v);
+        return sample_sphere_light(scene, sphere_light_at<F>(table, i), p, u, v);
     });
     each(0, [&](U i) {
         using T = PointLight;
@@ -318,25 +336,14 @@ inline F pdf_light(const Scene& scene, Uint<F> light, Mask<F> wanted, const Vec3
     F pdf(0.0f);
     const auto on_triangle = wanted & (kind == U(4u));
     if (any(on_triangle)) {
-        const TriangleLight* a = table.triangles.data();
-        const U i = select(on_triangle, slots, U(0u));
-        TriangleLightOf<F> l;
-        l.p0 = gather_member<F>(a, &TriangleLight::p0, i);
-        l.edge1 = gather_member<F>(a, &TriangleLight::edge1, i);
-        l.edge2 = gather_member<F>(a, &TriangleLight::edge2, i);
-        l.normal = gather_member<F>(a, &TriangleLight::normal, i);
-        l.area = gather_member<F>(a, &TriangleLight::area, i);
+        const auto l = triangle_light_at<F>(table, select(on_triangle, slots, U(0u)));
         pdf = select(on_triangle, pdf_triangle_light(l, p, direction, distance), pdf);
     }
     const auto on_sphere = wanted & (kind == U(5u));
     if (any(on_sphere)) {
-        const SphereLight* a = table.spheres.data();
-        const U i = select(on_sphere, slots, U(0u));
+        const auto l = sphere_light_at<F>(table, select(on_sphere, slots, U(0u)));
         pdf = select(on_sphere,
-                     pdf_sphere_light(gather_member<F>(a, &SphereLight::center, i),
-                                      gather_member<F>(a, &SphereLight::radius, i), p,
-                                      direction, distance),
-                     pdf);
+                     pdf_sphere_light(l.center, l.radius, p, direction, distance), pdf);
     }
     return pdf;
 }

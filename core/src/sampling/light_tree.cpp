@@ -2,7 +2,8 @@
 
 #include <algorithm>
 #include <array>
-#include <numeric>
+#include <bit>
+#include <cmath>
 
 #include "math/elementary.h"
 
@@ -127,72 +128,195 @@ Split best_split(const std::vector<std::uint32_t>& order, std::size_t begin,
     return best;
 }
 
-}  // namespace
+/// The intensity of lights, averaged: amplitude x (forward . w + sqrt(w . even w)) in
+/// direction w from them, of which `forward` holds what one side has more than the other,
+/// and `even` (symmetric, trace 1) what both have. Exact for one light.
+struct Lobe {
+    float amplitude = 0.0f;
+    Vec3f forward{0, 0, 0};       // times the amplitude
+    std::array<float, 6> even{};  // xx, yy, zz, xy, xz, yz; times the amplitude
 
-LightTree::LightTree(const std::vector<LightBounds>& lights) :
-    leaf_of_light_(lights.size(), none) {
-    std::vector<std::uint32_t> order;
-    for (std::uint32_t i = 0; i < lights.size(); ++i) {
-        if (lights[i].power > 0.0f) {
-            order.push_back(i);
+    void add(const Lobe& b) {
+        amplitude += b.amplitude;
+        forward += b.forward;
+        for (std::size_t i = 0; i < even.size(); ++i) {
+            even[i] += b.even[i];
         }
     }
-    if (order.empty()) {
-        return;
+    float even_along(const Vec3f& a) const {
+        return even[0] * a.x * a.x + even[1] * a.y * a.y + even[2] * a.z * a.z +
+               2.0f * (even[3] * a.x * a.y + even[4] * a.x * a.z + even[5] * a.y * a.z);
     }
-    nodes_.reserve(2 * order.size());
-    nodes_.emplace_back();
-    nodes_[0].parent = none;
-    build(0, order, 0, order.size(), lights);
+};
+
+Lobe lobe_of(const LightBounds& b) {
+    Lobe lobe;
+    const bool surface = b.cos_theta_o == 1.0f && b.cos_theta_e == 0.0f;
+    if (!surface) {
+        // Alike in all directions, or within a cone.
+        const bool cone = b.cos_theta_o == 1.0f;
+        const float solid_angle = two_pi * (cone ? 1.0f - b.cos_theta_e : 2.0f);
+        lobe.amplitude = std::sqrt(3.0f) * b.power / max(solid_angle, 1e-6f);
+        lobe.even = {1.0f / 3.0f, 1.0f / 3.0f, 1.0f / 3.0f, 0, 0, 0};
+    } else {
+        // By the cosine: (cos + |cos|) / 2, or |cos|; twice the power on two sides.
+        const Vec3f& n = b.axis;
+        lobe.amplitude = b.power * 0.5f * inv_pi;
+        lobe.forward = b.two_sided ? Vec3f(0.0f) : n * lobe.amplitude;
+        lobe.even = {n.x * n.x, n.y * n.y, n.z * n.z, n.x * n.y, n.x * n.z, n.y * n.z};
+    }
+    for (float& e : lobe.even) {
+        e *= lobe.amplitude;
+    }
+    return lobe;
 }
 
-void LightTree::make_node(std::uint32_t index, const LightBounds& bounds,
-                          std::uint32_t parent) {
-    Node& node = nodes_[index];
-    node.center = bounds.bounds.center();
-    node.radius2 = 0.25f * length_squared(bounds.bounds.extent());
-    node.axis = bounds.axis;
-    node.cos_theta_o = bounds.cos_theta_o;
-    node.cos_theta_e = bounds.cos_theta_e;
-    node.power = bounds.two_sided ? -bounds.power : bounds.power;
-    node.child = none;
-    node.parent = parent;
-    node.light = none;
+/// The upper half of a float's bits, rounded up in size.
+std::uint32_t upper_half(float x) {
+    return (std::bit_cast<std::uint32_t>(x) + 0xffffu) >> 16;
 }
 
-void LightTree::build(std::uint32_t index, std::vector<std::uint32_t>& order,
-                      std::size_t begin, std::size_t end,
-                      const std::vector<LightBounds>& lights) {
-    LightBounds total;
-    Bounds centers;
-    for (std::size_t i = begin; i < end; ++i) {
-        total = joined(total, lights[order[i]]);
-        centers.add(lights[order[i]].bounds.center());
-    }
-    make_node(index, total, nodes_[index].parent);
-    if (end - begin == 1) {
-        nodes_[index].light = order[begin];
-        leaf_of_light_[order[begin]] = index;
-        return;
-    }
-    const Split split = best_split(order, begin, end, lights, total, centers);
-    auto middle = begin + (end - begin) / 2;
-    if (split.axis >= 0) {
-        const auto at = std::partition(order.begin() + static_cast<std::ptrdiff_t>(begin),
-                                       order.begin() + static_cast<std::ptrdiff_t>(end),
-                                       [&](std::uint32_t light) {
-                                           return component(lights[light].bounds.center(),
-                                                            split.axis) < split.position;
-                                       });
+std::uint32_t byte_above(float x) {
+    return static_cast<std::uint32_t>(clamp(std::ceil(x), 0.0f, 255.0f));
+}
+
+std::uint32_t ten_bits(float x) {
+    return static_cast<std::uint32_t>(512 + std::lround(511.0f * x));
+}
+
+}  // namespace
+
+/// Splits ranges of lights until each is one.
+struct LightTree::Builder {
+    LightTree& tree;
+    const std::vector<LightBounds>& lights;
+    std::vector<std::uint32_t> order;
+
+    struct Range {
+        std::size_t begin, end;
+        std::size_t size() const { return end - begin; }
+    };
+
+    // Paths have two bits a level: so many levels at most, the last one full of lights.
+    static constexpr int levels = 15;
+
+    /// Two parts of more than no light each.
+    std::size_t split(const Range& range, bool halve) {
+        LightBounds total;
+        Bounds centers;
+        for (std::size_t i = range.begin; i < range.end; ++i) {
+            total = joined(total, lights[order[i]]);
+            centers.add(lights[order[i]].bounds.center());
+        }
+        const std::size_t half = range.begin + range.size() / 2;
+        const Split best =
+            halve ? Split{}
+                  : best_split(order, range.begin, range.end, lights, total, centers);
+        if (best.axis < 0) {
+            return half;
+        }
+        const auto at =
+            std::partition(order.begin() + static_cast<std::ptrdiff_t>(range.begin),
+                           order.begin() + static_cast<std::ptrdiff_t>(range.end),
+                           [&](std::uint32_t light) {
+                               return component(lights[light].bounds.center(),
+                                                best.axis) < best.position;
+                           });
         const auto split_at = static_cast<std::size_t>(at - order.begin());
-        middle = split_at > begin && split_at < end ? split_at : middle;
+        return split_at > range.begin && split_at < range.end ? split_at : half;
     }
-    const auto child = static_cast<std::uint32_t>(nodes_.size());
-    nodes_.resize(nodes_.size() + 2);
-    nodes_[index].child = child;
-    nodes_[child].parent = nodes_[child + 1].parent = index;
-    build(child, order, begin, middle, lights);
-    build(child + 1, order, middle, end, lights);
+
+    /// Up to four parts: of those so far, the one with the most lights is split.
+    std::vector<Range> parts(const Range& range, bool halve) {
+        std::vector<Range> all{range};
+        while (all.size() < 4) {
+            const auto most = std::max_element(
+                all.begin(), all.end(),
+                [](const Range& a, const Range& b) { return a.size() < b.size(); });
+            if (most->size() < 2) {
+                break;
+            }
+            const std::size_t middle = split(*most, halve);
+            const std::size_t end = most->end;
+            most->end = middle;
+            all.insert(most + 1, Range{middle, end});
+        }
+        return all;
+    }
+
+    Cluster cluster(const Range& range) const {
+        LightBounds b;
+        Lobe lobe;
+        for (std::size_t i = range.begin; i < range.end; ++i) {
+            b = joined(b, lights[order[i]]);
+            lobe.add(lobe_of(lights[order[i]]));
+        }
+        // A light is out of reach behind planes across the axis of its normals, or
+        // outside a cone about it: axis . w + lean + behind / distance < 0.
+        const float theta = acos(b.cos_theta_o) + acos(b.cos_theta_e);
+        const float theta_total = b.two_sided ? pi : min(theta, pi);
+        float unused, cos_total;
+        sin_cos_turns(theta_total * inv_two_pi, unused, cos_total);
+        const Vec3f half = b.bounds.extent() * 0.5f;
+        const float radius = max(length(half), 1e-18f);
+        const float through = std::fabs(b.axis.x) * half.x +
+                              std::fabs(b.axis.y) * half.y + std::fabs(b.axis.z) * half.z;
+        // The axis has 10 bits a component, distances are rough.
+        const float lean = 0.006f - cos_total;
+        const float behind = through + std::fabs(lean) * radius;
+
+        const float along = clamp(lobe.even_along(b.axis) / lobe.amplitude, 0.0f, 1.0f);
+        const float forward = dot(lobe.forward, b.axis) / lobe.amplitude;
+        Cluster c;
+        c.center = b.bounds.center();
+        c.amplitude = lobe.amplitude;
+        c.axis = ten_bits(b.axis.x) | ten_bits(b.axis.y) << 10 | ten_bits(b.axis.z) << 20;
+        c.reach = upper_half(radius) << 16 |
+                  byte_above(behind / (radius * behind_step)) << 8 |
+                  byte_above((lean + 1.0f) / lean_step);
+        c.lobe = upper_half(clamp(forward, -1.0f, 1.0f)) << 16 |
+                 upper_half(0.5f * (1.0f - along));
+        c.next = 0;
+        return c;
+    }
+
+    /// Fills a node, `level` below the root, and all below it.
+    void build(std::uint32_t index, int level, std::uint32_t path, const Range& range) {
+        // Whole levels of slack are left before the depth runs out.
+        const bool halve = range.size() > (std::size_t{1} << (2 * (levels - level))) / 16;
+        const std::vector<Range> children = parts(range, halve);
+        for (std::uint32_t i = 0; i < children.size(); ++i) {
+            const Range& child = children[i];
+            Cluster c = cluster(child);
+            const std::uint32_t path_here = path | i << (2 * level);
+            if (child.size() == 1) {
+                const std::uint32_t light = order[child.begin];
+                c.next = light | is_light;
+                tree.path_of_light_[light] = path_here;
+                tree.nodes_[index].child[i] = c;
+                continue;
+            }
+            c.next = static_cast<std::uint32_t>(tree.nodes_.size());
+            tree.nodes_[index].child[i] = c;
+            tree.nodes_.emplace_back();
+            build(c.next, level + 1, path_here, child);
+        }
+    }
+};
+
+LightTree::LightTree(const std::vector<LightBounds>& lights) :
+    path_of_light_(lights.size(), none) {
+    Builder builder{*this, lights, {}};
+    for (std::uint32_t i = 0; i < lights.size(); ++i) {
+        if (lights[i].power > 0.0f) {
+            builder.order.push_back(i);
+        }
+    }
+    if (builder.order.empty()) {
+        return;
+    }
+    nodes_.emplace_back();
+    builder.build(0, 0, 0, {0, builder.order.size()});
 }
 
 }  // namespace raykiln

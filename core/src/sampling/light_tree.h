@@ -34,9 +34,10 @@ struct LightChoiceOf {
 };
 
 /// A bounding volume hierarchy over lights for choosing one by its likely contribution,
-/// in time logarithmic in their number (Conty Estevez and Kulla 2018, "Importance
+/// in time logarithmic in their number (after Conty Estevez and Kulla 2018, "Importance
 /// Sampling of Many Lights with Adaptive Tree Splitting"; single choice with one random
-/// number).
+/// number). Nodes have four children: fewer estimates are made on the way to a light than
+/// with two, and less is lost by those that are off.
 class LightTree {
   public:
     using Choice = LightChoiceOf<float>;
@@ -48,110 +49,141 @@ class LightTree {
     /// Light 0 with probability 0 where nothing reaches the receiver.
     template <class F>
     LightChoiceOf<F> sample(const LightReceiverOf<F>& receiver, F u) const;
-    /// The probability with which `sample` returns a light; 0 for those not in the tree.
+    /// The probability with which `sample` returns a light, to the last bit; 0 for those
+    /// not in the tree.
     template <class F>
     F pmf(const LightReceiverOf<F>& receiver, Uint<F> light) const;
 
   private:
-    // Children of node i lie at `child` and `child + 1`; a leaf has no child but a light.
-    struct Node {
-        Vec3f center;
-        float radius2;
-        Vec3f axis;
-        float cos_theta_o, cos_theta_e;
-        float power;  // negative: emits to both sides
-        std::uint32_t child, parent, light;
-        std::uint32_t unused[3] = {};  // a node fills a cache line
+    /// What is known of a light or of many, in 32 bytes.
+    template <class F>
+    struct ClusterOf {
+        Vec3<F> center;
+        F amplitude;    ///< sum of the intensities; 0: nothing here
+        Uint<F> axis;   ///< unit, 10 bits a component: 512 + 511 x
+        Uint<F> reach;  ///< as a float the radius; low byte: `lean`, next: `behind`
+        Uint<F> lobe;   ///< upper half (a float): `forward`; lower half: `aside`
+        Uint<F> next;   ///< number of a node; or of a light, with `is_light` set
     };
+    using Cluster = ClusterOf<float>;
+    struct alignas(64) Node {
+        Cluster child[4];
+    };
+    /// Contributions of the children of a node, and where they lead.
+    template <class F>
+    struct Weighed {
+        F weight[4];
+        Uint<F> next[4];
+    };
+    struct Builder;
+
     static constexpr std::uint32_t none = 0xffffffffu;
+    static constexpr std::uint32_t is_light = 0x80000000u;
+    // Scales of the bytes of `reach`.
+    static constexpr float lean_step = 2.02f / 255.0f, behind_step = 2.75f / 255.0f;
 
     template <class F>
-    Uint<F> word(std::uint32_t Node::* member, Uint<F> index) const {
-        return gather_member<F>(nodes_.data(), member, index);
-    }
+    static F contribution(const ClusterOf<F>& cluster, const LightReceiverOf<F>& receiver,
+                          F any_side);
     template <class F>
-    F importance(Uint<F> index, const LightReceiverOf<F>& receiver) const;
-    void make_node(std::uint32_t index, const LightBounds& bounds, std::uint32_t parent);
-    void build(std::uint32_t index, std::vector<std::uint32_t>& order, std::size_t begin,
-               std::size_t end, const std::vector<LightBounds>& lights);
+    void weigh(Uint<F> node, const LightReceiverOf<F>& receiver, F any_side,
+               Weighed<F>& out) const;
 
     std::vector<Node> nodes_;
-    std::vector<std::uint32_t> leaf_of_light_;
+    // Which child leads to a light, two bits a node from the root on.
+    std::vector<std::uint32_t> path_of_light_;
 };
 
 namespace detail {
 
-/// cos(max(0, a - b)) for angles given by their cosines and sines.
+/// 1 / sqrt(x) to within a thousandth, for x > 0: by the exponent's bits and one step of
+/// Newton's method (constants of Moroz et al. 2018). The same on every processor.
 template <class F>
-inline F cos_of_difference(F sin_a, F cos_a, F sin_b, F cos_b) {
-    return select(cos_a > cos_b, F(1.0f), cos_a * cos_b + sin_a * sin_b);
+inline F rough_rsqrt(F x) {
+    const F y = as_float(Uint<F>(0x5f376908u) - (as_uint(x) >> 1));
+    return y * (F(1.50087896f) - F(0.5f) * x * y * y);
 }
+
+/// 1 where light from all sides counts, else 0.
 template <class F>
-inline F sin_of_difference(F sin_a, F cos_a, F sin_b, F cos_b) {
-    return select(cos_a > cos_b, F(0.0f), sin_a * cos_b - cos_a * sin_b);
+inline F any_side_of(const LightReceiverOf<F>& receiver) {
+    return select(max_abs(receiver.normal) == F(0.0f), F(1.0f), F(0.0f));
 }
 
 }  // namespace detail
 
-/// An estimate of what a cluster contributes: power over distance squared, times the
-/// cosine at the receiver, as if its lights filled its bounds, and the greatest cosine at
-/// the lights. 0 only where no part of it can contribute.
+/// An estimate of what a cluster contributes: intensity over distance squared, times the
+/// cosine at the receiver, as if its lights filled its bounds. 0 only where no part of it
+/// can contribute.
 template <class F>
-inline F LightTree::importance(Uint<F> index, const LightReceiverOf<F>& r) const {
-    using detail::cos_of_difference;
-    using detail::sin_of_difference;
-    // Cosines are rounded: a light that only just reaches the receiver must keep a
-    // chance.
-    const F angle_slack(1e-4f);
-    const F least_cosine(0.01f);
-    // Near the root all lanes look at one node.
-    const std::uint32_t first = first_lane(index);
-    const bool same = all(index == Uint<F>(first));
-    const auto number = [&](float Node::* member) {
-        return same ? F(nodes_[first].*member)
-                    : gather_member<F>(nodes_.data(), member, index);
-    };
-    const auto vector = [&](Vec3f Node::* member) {
-        if (!same) {
-            return gather_member<F>(nodes_.data(), member, index);
-        }
-        const Vec3f& v = nodes_[first].*member;
-        return Vec3<F>{F(v.x), F(v.y), F(v.z)};
-    };
-    const F radius2 = number(&Node::radius2);
-    const F signed_power = number(&Node::power);
-    const F power = abs(signed_power);
-    const Vec3<F> d = vector(&Node::center) - r.p;
-    const F distance2 = length_squared(d);
-    const Vec3<F> direction = d * (F(1.0f) / sqrt(max(distance2, F(1e-30f))));
-    const auto inside = distance2 <= radius2;
-    const F sin2_b = select(inside, F(0.0f), radius2 / distance2);
-    const F sin_b = sqrt(sin2_b);
-    const F cos_b = select(inside, F(-1.0f), safe_sqrt(F(1.0f) - sin2_b));
-
-    const F cos_axis = F(0.0f) - dot(vector(&Node::axis), direction);
-    const auto two_sided = signed_power < F(0.0f);
-    const F cos_w = select(two_sided, abs(cos_axis), cos_axis);
-    const F sin_w = safe_sqrt(F(1.0f) - cos_w * cos_w);
-    const F cos_o = number(&Node::cos_theta_o);
-    const F sin_o = safe_sqrt(F(1.0f) - cos_o * cos_o);
-    const F cos_x = cos_of_difference(sin_w, cos_w, sin_o, cos_o);
-    const F sin_x = sin_of_difference(sin_w, cos_w, sin_o, cos_o);
-    const F cos_e = cos_of_difference(sin_x, cos_x, sin_b, cos_b);
-    const auto emits = inside | (cos_e > number(&Node::cos_theta_e) - angle_slack);
+inline F LightTree::contribution(const ClusterOf<F>& c, const LightReceiverOf<F>& r,
+                                 F any_side) {
+    using U = Uint<F>;
+    using detail::rough_rsqrt;
+    const F slack(1e-3f);         // of what is rounded here
+    const F least_cosine(0.02f);  // twice the cosine, as all of them below
+    const F radius = as_float(c.reach);
     // How far its lights lie from its middle, squared, if they fill the box: what keeps
     // the estimates finite within a cluster, and smooth about it.
-    const F spread2 = max(radius2 * F(0.125f), F(1e-20f));
-    const F weight = power * max(select(inside, F(1.0f), cos_e), least_cosine) /
-                     max(distance2, spread2);
+    const F spread2 = max(radius * radius * F(0.125f), F(1e-20f));
+    const Vec3<F> d = c.center - r.p;
+    const F distance2 = length_squared(d);
+    const F about2 = distance2 + spread2;
+    const F inverse = rough_rsqrt(about2);
+    const F distance = about2 * inverse;
+
+    const U byte(255u), ten_bits(1023u);
+    const F to_axis = F(1.0f / 511.0f) * (F(512.0f) * (d.x + d.y + d.z) -
+                                          (to_float(c.axis & ten_bits) * d.x +
+                                           to_float((c.axis >> 10) & ten_bits) * d.y +
+                                           to_float((c.axis >> 20) & ten_bits) * d.z));
+    const F lean = to_float(c.reach & byte) * F(lean_step) - F(1.0f);
+    const F behind = to_float((c.reach >> 8) & byte) * F(behind_step) * radius;
+    const auto emits = to_axis + lean * distance + behind > F(0.0f);
+    const F forward = as_float(c.lobe), aside = as_float(c.lobe << 16);
+    const F even2 = max((F(1.0f) - F(3.0f) * aside) * to_axis * to_axis +
+                            aside * distance2 + F(0.125f) * behind * behind,
+                        F(1e-30f));
+    const F emitted =
+        max((forward * to_axis + even2 * rough_rsqrt(even2)) * inverse, least_cosine);
+
     // The mean of the cosine over the part of the cluster above the horizon.
     const F height = dot(r.normal, d);
-    const F cosine =
-        F(0.5f) * (height + sqrt(height * height + spread2)) / sqrt(distance2 + spread2);
-    const auto above = height + sqrt(radius2) > F(0.0f) - angle_slack * sqrt(distance2);
-    const F reached = select(above, max(cosine, least_cosine), F(0.0f));
-    const auto any_side = max_abs(r.normal) == F(0.0f);
-    return select(emits, weight * select(any_side, F(1.0f), reached), F(0.0f));
+    const F across2 = height * height + spread2 + any_side * distance2;
+    const F received =
+        max((height + across2 * rough_rsqrt(across2)) * inverse, least_cosine);
+    const auto above = height + radius + slack * distance > F(0.0f);
+    return select(emits & above, c.amplitude * inverse * inverse * (emitted * received),
+                  F(0.0f));
+}
+
+/// Not inlined: the same instructions, and so the same bits, for `sample` and `pmf`.
+template <class F>
+[[gnu::noinline]] inline void LightTree::weigh(Uint<F> node,
+                                               const LightReceiverOf<F>& receiver,
+                                               F any_side, Weighed<F>& out) const {
+    using U = Uint<F>;
+    // Near the root all lanes look at one node.
+    const std::uint32_t first = first_lane(node);
+    const bool same = all(node == U(first));
+    for (int i = 0; i < 4; ++i) {
+        ClusterOf<F> c;
+        if (same) {
+            const Cluster& one = nodes_[first].child[i];
+            c = {{F(one.center.x), F(one.center.y), F(one.center.z)},
+                 F(one.amplitude),
+                 U(one.axis),
+                 U(one.reach),
+                 U(one.lobe),
+                 U(one.next)};
+        } else {
+            const auto row = gather_row<F, 8>(nodes_.data(), node, 8 * i);
+            c = {{row[0], row[1], row[2]}, row[3],          as_uint(row[4]),
+                 as_uint(row[5]),          as_uint(row[6]), as_uint(row[7])};
+        }
+        out.weight[i] = contribution(c, receiver, any_side);
+        out.next[i] = c.next;
+    }
 }
 
 template <class F>
@@ -160,27 +192,39 @@ inline LightChoiceOf<F> LightTree::sample(const LightReceiverOf<F>& receiver, F 
     if (nodes_.empty()) {
         return {U(0u), F(0.0f)};
     }
-    U node(0u);
+    const F any_side = detail::any_side_of(receiver);
+    U node(0u), light(0u);
     F pmf(1.0f);
-    U child = word<F>(&Node::child, node);
-    auto inner = child != U(none);
+    Mask<F> inner(true);
+    Weighed<F> w;
     while (any(inner)) {
-        child = select(inner, child, U(0u));
-        const F a = importance(child, receiver);
-        const F b = importance(child + U(1u), receiver);
-        const auto reached = a + b > F(0.0f);
-        const F first = a / select(reached, a + b, F(1.0f));
-        const auto left = u < first;
-        const F share = select(left, first, F(1.0f) - first);
-        const F rest = select(left, u, u - first) / share;
-        u = select(inner, min(rest, F(one_minus_epsilon)), u);
-        pmf = select(inner, select(reached, pmf * share, F(0.0f)), pmf);
-        inner = inner & reached;
-        node = select(inner, select(left, child, child + U(1u)), node);
-        child = word<F>(&Node::child, node);
-        inner = inner & (child != U(none));
+        weigh(node, receiver, any_side, w);
+        // Running sums; u < 1, so that `at` stays below the last.
+        F below(0.0f), chosen = w.weight[0], sum = w.weight[0];
+        U next = w.next[0];
+        const F sum1 = sum + w.weight[1], sum2 = sum1 + w.weight[2];
+        const F total = sum2 + w.weight[3];
+        const F at = u * total;
+        const auto step = [&](F begin, int i) {
+            const auto past = at >= begin;
+            below = select(past, begin, below);
+            chosen = select(past, w.weight[i], chosen);
+            next = select(past, w.next[i], next);
+        };
+        step(sum, 1);
+        step(sum1, 2);
+        step(sum2, 3);
+        const auto reached = total > F(0.0f);
+        const F share = chosen / select(reached, total, F(1.0f));
+        const F rest = (at - below) / select(reached, chosen, F(1.0f));
+        u = min(rest, F(one_minus_epsilon));
+        pmf = select(inner, pmf * share, pmf);
+        const auto found = inner & reached & ((next & U(is_light)) != U(0u));
+        light = select(found, next & U(~is_light), light);
+        inner = inner & reached & !found;
+        node = select(inner, next, U(0u));
     }
-    return {select(pmf > F(0.0f), word<F>(&Node::light, node), U(0u)), pmf};
+    return {light, pmf};
 }
 
 template <class F>
@@ -189,26 +233,29 @@ inline F LightTree::pmf(const LightReceiverOf<F>& receiver, Uint<F> light) const
     if (nodes_.empty()) {
         return F(0.0f);
     }
-    const U leaf = gather(leaf_of_light_.data(), light);
-    const auto known = leaf != U(none);
-    U index = select(known, leaf, U(0u));
-    F pmf = select(known, F(1.0f), F(0.0f));
-    U parent = word<F>(&Node::parent, index);
-    auto inner = known & (parent != U(none));
+    const F any_side = detail::any_side_of(receiver);
+    U path = gather(path_of_light_.data(), light);
+    Mask<F> inner = path != U(none);
+    F pmf = select(inner, F(1.0f), F(0.0f));
+    U node(0u);
+    Weighed<F> w;
     while (any(inner)) {
-        parent = select(inner, parent, U(0u));
-        // The root of a tree of one light has no child, but then no lane is here.
-        const U child = select(inner, word<F>(&Node::child, parent), U(0u));
-        const F a = importance(child, receiver);
-        const F b = importance(child + U(1u), receiver);
-        const auto reached = a + b > F(0.0f);
-        const F first = a / select(reached, a + b, F(1.0f));
-        const F share = select(index == child, first, F(1.0f) - first);
-        pmf = select(inner, select(reached, pmf * share, F(0.0f)), pmf);
-        inner = inner & reached;
-        index = select(inner, parent, index);
-        parent = word<F>(&Node::parent, index);
-        inner = inner & (parent != U(none));
+        weigh(node, receiver, any_side, w);
+        const F total = ((w.weight[0] + w.weight[1]) + w.weight[2]) + w.weight[3];
+        const U way = path & U(3u);
+        F chosen = w.weight[0];
+        U next = w.next[0];
+        for (std::uint32_t i = 1; i < 4; ++i) {
+            const auto here = way == U(i);
+            chosen = select(here, w.weight[i], chosen);
+            next = select(here, w.next[i], next);
+        }
+        const auto reached = total > F(0.0f);
+        const F share = chosen / select(reached, total, F(1.0f));
+        pmf = select(inner, pmf * share, pmf);
+        inner = inner & reached & ((next & U(is_light)) == U(0u));
+        node = select(inner, next, U(0u));
+        path = path >> 2;
     }
     return pmf;
 }

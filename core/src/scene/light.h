@@ -43,14 +43,15 @@ struct Emission {
     std::uint32_t two_sided = 0;  ///< 0 or 1
 };
 
-/// One triangle of an emissive mesh, in world space.
+/// One triangle of an emissive mesh, in world space. The members are read as rows of
+/// words (light/sample_light.h).
 template <class F>
 struct TriangleLightOf {
     Vec3<F> p0, edge1, edge2;
     Vec3<F> normal;  ///< unit, the emitting side
     F area;
-    Vec2<F> uv0, uv1, uv2;
     Uint<F> emission;  ///< index into Scene::emissions
+    Vec2<F> uv0, uv1, uv2;
 };
 using TriangleLight = TriangleLightOf<float>;
 
@@ -60,6 +61,7 @@ struct SphereLightOf {
     F radius;
     Uint<F> inward;  ///< 1: emits into the sphere
     Uint<F> emission;
+    Uint<F> unused[2] = {};  // a row of words
 };
 using SphereLight = SphereLightOf<float>;
 
