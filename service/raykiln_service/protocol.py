@@ -1,10 +1,16 @@
-"""uvicorn's HTTP/1.1 protocol with an end to its patience, and to how many it serves at once."""
+"""uvicorn's HTTP/1.1 protocol with an end to its patience, and to how many it serves at once.
+
+A thousand requests that come in one moment would be begun in one turn of the event loop, and
+whoever asks for the service's health would wait for all of them.  So each turn begins a few, the
+others wait in line, and questions of health pass the line.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import json
 import resource
+from collections import deque
 from typing import Any, ClassVar
 
 import h11
@@ -14,6 +20,46 @@ from raykiln_service.errors import UnavailableError
 
 _OWN_FILES = 512
 """Files and pipes of the service itself: database, renders, uploads."""
+_BEGUN_PER_TURN = 8
+_MOST_HELD = 1 << 16
+_PROBES = tuple(
+    f"{method} {path}{end}".encode()
+    for method in ("GET", "HEAD")
+    for path in ("/healthz", "/readyz")
+    for end in " ?"
+)
+
+
+class Line:
+    """The connections whose requests wait to be begun."""
+
+    def __init__(self) -> None:
+        self._waiting: deque[PatientProtocol] = deque()
+        self._begun = 0
+        self._turns = False
+
+    def has_room(self, loop: asyncio.AbstractEventLoop) -> bool:
+        """Whether a request may begin in this turn of the event loop; counts it if so."""
+        if not self._turns:
+            self._turns = True
+            loop.call_soon(self._turn, loop)
+        if self._waiting or self._begun >= _BEGUN_PER_TURN:
+            return False
+        self._begun += 1
+        return True
+
+    def append(self, connection: PatientProtocol) -> None:
+        """Let a connection wait for its turn; only after `has_room` said no."""
+        self._waiting.append(connection)
+
+    def _turn(self, loop: asyncio.AbstractEventLoop) -> None:
+        self._begun = 0
+        while self._waiting and self._begun < _BEGUN_PER_TURN:
+            self._begun += 1
+            self._waiting.popleft().begin()
+        self._turns = self._begun > 0
+        if self._turns:
+            loop.call_soon(self._turn, loop)
 
 
 class PatientProtocol(H11Protocol):
@@ -28,8 +74,10 @@ class PatientProtocol(H11Protocol):
     _read_timer: asyncio.TimerHandle | None = None
     _unread = 0
     _is_counted = False
+    _held = b""
     # Of all connections of the service, which has one event loop.
     _count: ClassVar[list[int]] = [0]
+    _line: ClassVar[Line] = Line()
 
     def connection_made(self, transport: Any) -> None:
         """A client has connected."""
@@ -44,6 +92,27 @@ class PatientProtocol(H11Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Bytes have come."""
+        if self._held:
+            self._held += data
+            if len(self._held) > _MOST_HELD:
+                self.transport.pause_reading()
+            return
+        is_new = self.conn.their_state is h11.IDLE and not data.startswith(_PROBES)
+        if is_new and not self._line.has_room(self.loop):
+            self._held = data
+            self._drop_timer()
+            self._line.append(self)
+            return
+        self._take(data)
+
+    def begin(self) -> None:
+        """Its turn has come."""
+        held, self._held = self._held, b""
+        if len(held) > _MOST_HELD:
+            self.transport.resume_reading()
+        self._take(held)
+
+    def _take(self, data: bytes) -> None:
         if self.transport.is_closing():
             return
         super().data_received(data)
@@ -103,8 +172,8 @@ class PatientProtocol(H11Protocol):
 
 def patient_protocol(timeout_s: float, max_connections: int) -> type[PatientProtocol]:
     """The protocol with these limits (uvicorn makes it without arguments)."""
-    limits = {"patience_s": timeout_s, "max_connections": max_connections, "_count": [0]}
-    return type("PatientProtocol", (PatientProtocol,), limits)
+    limits = {"patience_s": timeout_s, "max_connections": max_connections}
+    return type("PatientProtocol", (PatientProtocol,), {**limits, "_count": [0], "_line": Line()})
 
 
 def connections_allowed(wanted: int) -> int:

@@ -135,7 +135,7 @@ class Service:
         """ "ok" or what is wrong, by part."""
         parts = {"database": "ok", "executor": "ok"}
         try:
-            self.store.count_by_state()
+            self.store.paused()
         except SQLAlchemyError as error:
             parts["database"] = f"does not answer: {type(error).__name__}"
         if not self.dispatcher.is_ready():

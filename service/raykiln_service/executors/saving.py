@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Collection
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from pathlib import Path
 
 import raykiln as rk
@@ -47,10 +47,9 @@ class Saving:
         if not is_stopped():
             patient = self._begin()
             while not is_stopped():
-                try:
-                    return patient.result(_LOOK_S)
-                except TimeoutError:
-                    continue
+                if wait([patient], _LOOK_S).done:
+                    patient.result()
+                    return
             self._hurried.set()
         self._write(self._missing, compress=False)
 
@@ -59,7 +58,8 @@ class Saving:
 
         def work() -> None:
             try:
-                future.set_result(self._write(lambda _name: not self._hurried.is_set()))
+                self._write(lambda _name: not self._hurried.is_set())
+                future.set_result(None)
             except BaseException as error:
                 future.set_exception(error)
 

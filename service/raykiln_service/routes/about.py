@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import raykiln as rk
+from anyio import CapacityLimiter, to_thread
 from fastapi import APIRouter, Response
 from fastapi.responses import FileResponse, JSONResponse
 from raykiln.settings import RenderSettings
@@ -16,6 +17,7 @@ from raykiln_service.routes.context import InContext
 from raykiln_service.schemas import SceneView, VersionView
 
 router = APIRouter()
+_PROBING = CapacityLimiter(2)
 _WEB = Path(__file__).parent.parent / "web"
 _PAGE_HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
@@ -68,9 +70,10 @@ async def healthz() -> dict[str, str]:
 
 
 @router.get("/readyz", tags=["health"])
-def readyz(context: InContext) -> Response:
+async def readyz(context: InContext) -> Response:
     """Whether jobs can be taken and rendered: the database and the executor."""
-    parts = context.readiness()
+    # In threads of its own, for which no other call queues.
+    parts = await to_thread.run_sync(context.readiness, limiter=_PROBING)
     ready = all(state == "ok" for state in parts.values())
     body = {"status": "ok" if ready else "unavailable", **parts}
     return JSONResponse(body, status_code=200 if ready else 503)

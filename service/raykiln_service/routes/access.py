@@ -20,8 +20,11 @@ _READS = frozenset({"/v1/assets/missing"})
 _SUBMITS = frozenset({"/v1/jobs", "/v1/assets", "/v1/uploads", "/v1/uploads/{upload_id}"})
 
 
-def caller_of(request: Request) -> Caller:
-    """Who sent the request."""
+async def caller_of(request: Request) -> Caller:
+    """Who sent the request.
+
+    Asynchronous, as all dependencies are: others would each wait for a thread, in every call.
+    """
     caller: Caller = getattr(request.state, "caller", LOCAL)
     return caller
 

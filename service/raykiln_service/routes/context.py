@@ -84,7 +84,7 @@ class Context:
         return turn.position if job.state is JobState.QUEUED else None, eta
 
 
-def _context(request: Request) -> Context:
+async def _context(request: Request) -> Context:
     context: Context = request.app.state.context
     return context
 

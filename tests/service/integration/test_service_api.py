@@ -294,6 +294,69 @@ def test_very_many_clients_at_once(server: Any) -> None:
     is_well(server)
 
 
+@pytest.mark.parametrize("path", ["/healthz", "/readyz"])
+def test_health_passes_the_line(server: Any, path: str) -> None:
+    """While hundreds ask for more than can be answered, a probe waits for few of them."""
+    import asyncio
+
+    host, port = server.url.removeprefix("http://").split(":")
+    answered = 0
+
+    async def call(path: str) -> None:
+        reader, writer = await asyncio.open_connection(host, int(port))
+        head = f"GET {path} HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n\r\n"
+        writer.write(head.encode())
+        assert (await reader.read()).startswith(b"HTTP/1.1 200 ")
+        writer.close()
+
+    async def ask_on() -> None:
+        nonlocal answered
+        while not done.is_set():
+            await call("/v1/jobs?limit=5")
+            answered += 1
+
+    async def run() -> list[int]:
+        crowd = [asyncio.create_task(ask_on()) for _ in range(300)]
+        waited_for = []
+        while answered < 300:
+            await asyncio.sleep(0.01)
+        for _ in range(9):
+            before = answered
+            await call(path)
+            waited_for.append(answered - before)
+        done.set()
+        await asyncio.gather(*crowd)
+        return waited_for
+
+    done = asyncio.Event()
+    waited_for = asyncio.run(run())
+    assert sorted(waited_for)[4] < 100, waited_for
+
+
+def test_a_request_in_pieces_that_waits_in_line(server: Any) -> None:
+    """Nothing that comes while a connection waits is lost, nor another request on it."""
+    import socket
+
+    host, port = server.url.removeprefix("http://").split(":")
+    filler = [socket.create_connection((host, int(port)), timeout=30) for _ in range(100)]
+    look = b"GET /v1/jobs?limit=1 HTTP/1.1\r\nHost: localhost\r\n"
+    with socket.create_connection((host, int(port)), timeout=30) as connection:
+        for other in filler:
+            other.sendall(look + b"\r\n")
+        body = json.dumps({"ids": ["sha256:" + "0" * 64] * 2000}).encode()
+        head = f"POST /v1/assets/missing HTTP/1.1\r\nHost: localhost\r\nContent-Length: {len(body)}"
+        request = head.encode() + b"\r\nContent-Type: application/json\r\n\r\n" + body
+        for start in range(0, len(request), 40_000):
+            connection.sendall(request[start : start + 40_000])
+        connection.sendall(look + b"Connection: close\r\n\r\n")
+        replies = connection.makefile("rb").read()
+    assert replies.count(b"HTTP/1.1 200 OK") == 2
+    assert b'"missing"' in replies
+    for other in filler:
+        assert other.recv(15) == b"HTTP/1.1 200 OK"
+        other.close()
+
+
 def test_more_connections_than_allowed(serve: Any) -> None:
     import socket
 

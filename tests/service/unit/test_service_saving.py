@@ -48,7 +48,7 @@ def test_all_files_are_written(tmp_path: Path, stopped: bool, wanted: int) -> No
 
 def test_from_a_stop_on_nothing_is_compressed_any_more(tmp_path: Path) -> None:
     saving = Saving(result_of(1024), tmp_path, ("exr",), lambda: None)
-    saving.run(lambda: (tmp_path / "image.exr").exists())
+    saving.run((tmp_path / "image.exr").exists)
     assert names_in(tmp_path)[:3] == ALL[:3]
     assert compression(tmp_path / "image.exr") == 3
     assert compression(tmp_path / "depth.exr") == 0
