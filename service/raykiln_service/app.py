@@ -54,6 +54,7 @@ from raykiln_service.settings import ServiceSettings
 
 _DRAIN_S = 2
 _UPKEEP_S = 600.0
+_REVOKED_S = 1.0
 _THREADS = 16
 _SWITCH_S = 0.001
 _NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
@@ -67,9 +68,10 @@ def create_app(service: Service) -> FastAPI:
         # More threads than this only take turns with the event loop, which must stay quick.
         to_thread.current_default_thread_limiter().total_tokens = _THREADS
         await run_in_threadpool(service.start)
-        upkeep = asyncio.create_task(_keep_up(service))
+        tasks = [asyncio.create_task(work(service)) for work in (_keep_up, _end_revoked)]
         yield
-        upkeep.cancel()
+        for task in tasks:
+            task.cancel()
         await run_in_threadpool(service.close)
 
     app = FastAPI(
@@ -104,6 +106,18 @@ async def _keep_up(service: Service) -> None:
             await run_in_threadpool(service.store.prune_keys)
         except (ServiceError, SQLAlchemyError, OSError) as error:
             logs.get_logger().warning("clean-up did not work", exc_info=error)
+
+
+async def _end_revoked(service: Service) -> None:
+    """End the streams of tokens that are let in no longer; one look for all that are open."""
+    while True:
+        await asyncio.sleep(_REVOKED_S)
+        try:
+            if owners := service.hub.owners():
+                for owner in await run_in_threadpool(service.tokens.inactive, owners):
+                    service.hub.end_of(owner)
+        except SQLAlchemyError as error:
+            logs.get_logger().warning("tokens not looked at", error=str(error))
 
 
 def serve(settings: ServiceSettings) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 from raykiln_service.rows import StateEvent
@@ -35,6 +35,10 @@ class Subscription:
         for name, value in news.items():
             setattr(self, name, value)
         self._wake.set()
+
+    def end(self) -> None:
+        """End the subscription, from any thread."""
+        self.post(closed=True)
 
     async def wait(self, timeout_s: float) -> bool:
         """Wait for news; False if there were none in time."""
@@ -122,38 +126,69 @@ class EventHub:
         self._lock = threading.Lock()
         self._readers: dict[str, set[Subscription]] = {}
         self._feeds: set[Feed] = set()
+        self._owned_by: dict[str, list[Callable[[], None]]] = {}
         self._progress: dict[str, Mapping[str, Any]] = {}
         self._previews: dict[str, int] = {}
         self._closed = False
 
     @contextlib.contextmanager
-    def subscribe_to_all(self) -> Iterator[Feed]:
-        """News of all jobs, from now on."""
+    def subscribe_to_all(self, owner: str | None = None) -> Iterator[Feed]:
+        """News of all jobs, from now on; `owner` is the token that reads them."""
         feed = Feed(asyncio.get_running_loop())
         with self._lock:
             self._feeds.add(feed)
             feed.closed = self._closed
         try:
-            yield feed
+            with self._owned(owner, feed.end):
+                yield feed
         finally:
             with self._lock:
                 self._feeds.discard(feed)
 
     @contextlib.contextmanager
-    def subscribe(self, job_id: str) -> Iterator[Subscription]:
-        """News of one job, from now on."""
+    def subscribe(self, job_id: str, owner: str | None = None) -> Iterator[Subscription]:
+        """News of one job, from now on; `owner` is the token that reads them."""
         reader = Subscription(asyncio.get_running_loop())
         with self._lock:
             self._readers.setdefault(job_id, set()).add(reader)
             reader.closed = self._closed
         try:
-            yield reader
+            with self._owned(owner, reader.end):
+                yield reader
         finally:
             with self._lock:
                 readers = self._readers[job_id]
                 readers.discard(reader)
                 if not readers:
                     del self._readers[job_id]
+
+    @contextlib.contextmanager
+    def _owned(self, owner: str | None, end: Callable[[], None]) -> Iterator[None]:
+        """Note how to end what a token reads, as long as it does."""
+        if owner is None:
+            yield
+            return
+        with self._lock:
+            self._owned_by.setdefault(owner, []).append(end)
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._owned_by[owner].remove(end)
+                if not self._owned_by[owner]:
+                    del self._owned_by[owner]
+
+    def owners(self) -> list[str]:
+        """The tokens that read something now."""
+        with self._lock:
+            return list(self._owned_by)
+
+    def end_of(self, owner: str) -> None:
+        """End all that a token reads."""
+        with self._lock:
+            ends = list(self._owned_by.get(owner, ()))
+        for end in ends:
+            end()
 
     def state_changed(self, event: StateEvent) -> None:
         """A state has changed (a listener of the store)."""
@@ -199,7 +234,7 @@ class EventHub:
             readers = [reader for group in self._readers.values() for reader in group]
             feeds = list(self._feeds)
         for reader in readers:
-            reader.post(closed=True)
+            reader.end()
         for feed in feeds:
             feed.end()
 

@@ -18,7 +18,7 @@ import threading
 import time
 import zlib
 from collections import OrderedDict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 
@@ -170,6 +170,14 @@ class TokenStore:
         """Whether there is a token that would be let in."""
         now = self._clock()
         return any(token.state(now) == "active" for token in self.all())
+
+    def inactive(self, ids: Collection[str]) -> list[str]:
+        """Those of the tokens with these ids that are no longer let in."""
+        now = self._clock()
+        with self._database.read() as connection:
+            found = self._select(connection, tokens.c.id.in_(list(ids)))
+        active = {token.id for token in found if token.state(now) == "active"}
+        return [token_id for token_id in ids if token_id not in active]
 
     def recall(self, text: str) -> Caller | None:
         """Who has this token, if it was looked up just now; does not wait for the database."""

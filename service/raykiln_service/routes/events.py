@@ -33,7 +33,10 @@ _FEED_PAUSE_S = 0.1
     },
 )
 async def job_events(
-    job_id: str, context: InContext, last_event_id: Annotated[str | None, Header()] = None
+    job_id: str,
+    context: InContext,
+    caller: InCaller,
+    last_event_id: Annotated[str | None, Header()] = None,
 ) -> Response:
     """`state`, `progress` and `preview` events until the job ends.
 
@@ -48,7 +51,7 @@ async def job_events(
             return Response(status_code=204)
     headers = {"Cache-Control": "no-store", "X-Accel-Buffering": "no"}
     return StreamingResponse(
-        _stream(context, job_id, last), media_type="text/event-stream", headers=headers
+        _stream(context, caller, job_id, last), media_type="text/event-stream", headers=headers
     )
 
 
@@ -74,7 +77,7 @@ async def all_events(context: InContext, caller: InCaller) -> Response:
 
 async def _feed(context: Context, caller: Caller) -> AsyncIterator[str]:
     visible: dict[str, bool] = {"": True}
-    with context.hub.subscribe_to_all() as feed:
+    with context.hub.subscribe_to_all(caller.owner) as feed:
         yield "retry: 1000\n\n"
         while not feed.closed:
             news = await feed.take(_QUIET_S)
@@ -96,8 +99,8 @@ def _is_own(context: Context, caller: Caller, job_id: str) -> bool:
         return False
 
 
-async def _stream(context: Context, job_id: str, last: int) -> AsyncIterator[str]:
-    with context.hub.subscribe(job_id) as news:
+async def _stream(context: Context, caller: Caller, job_id: str, last: int) -> AsyncIterator[str]:
+    with context.hub.subscribe(job_id, caller.owner) as news:
         yield "retry: 1000\n\n"
         news.state_changed = True
         news.progress = context.hub.latest_progress(job_id)

@@ -13,6 +13,7 @@ from anyio import CapacityLimiter, to_thread
 from fastapi import APIRouter, Header, Query, Request, Response
 from fastapi.concurrency import run_in_threadpool
 
+from raykiln_service.access import Caller
 from raykiln_service.errors import InvalidRequestError, ServiceError
 from raykiln_service.files import remove_tree
 from raykiln_service.jobs import Job, JobState
@@ -73,7 +74,7 @@ async def create_job(
     else:
         response.headers["Idempotent-Replayed"] = "true"
     if wait_s := _wait_s(prefer):
-        job = await _wait_for_end(context, job.id, wait_s)
+        job = await _wait_for_end(context, caller, job.id, wait_s)
         response.headers["Preference-Applied"] = f"wait={wait_s}"
     response.status_code = 200 if wait_s and job.state.is_final else 202
     response.headers["Location"] = f"/v1/jobs/{job.id}"
@@ -134,10 +135,10 @@ def delete_job(job_id: str, context: InContext) -> None:
     remove_tree(context.assets.job_dir(job_id))
 
 
-async def _wait_for_end(context: Context, job_id: str, wait_s: int) -> Job:
+async def _wait_for_end(context: Context, caller: Caller, job_id: str, wait_s: int) -> Job:
     loop = asyncio.get_running_loop()
     deadline = loop.time() + wait_s
-    with context.hub.subscribe(job_id) as news:
+    with context.hub.subscribe(job_id, caller.owner) as news:
         while True:
             job = await run_in_threadpool(context.store.job, job_id)
             left = deadline - loop.time()

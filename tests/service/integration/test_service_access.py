@@ -139,6 +139,28 @@ def test_a_revoked_token_is_refused_while_the_service_runs(guarded: Any) -> None
     assert create(guarded.data_dir, "short") != text
 
 
+@pytest.mark.parametrize("path", ["/v1/events", "/v1/jobs/{}/events"])
+def test_what_a_revoked_token_reads_ends(
+    guarded: Any, alice: httpx.Client, ball: dict[str, Any], path: str
+) -> None:
+    """The streams of other tokens go on."""
+    admin = create(guarded.data_dir, "watcher", "--scope", "admin")
+    endless = {"width": 32, "height": 32, "spp": 1 << 20, "threads": 1}
+    body = {"scene": {"inline": ball}, "settings": endless}
+    job = alice.post("/v1/jobs", json=body).raise_for_status().json()
+    address = path.format(job["id"])
+    with client_of(guarded, admin) as watcher:
+        with watcher.stream("GET", address) as read, alice.stream("GET", address) as other:
+            lines, other_lines = read.iter_lines(), other.iter_lines()
+            assert next(lines) == next(other_lines) == "retry: 1000"
+            token_command(guarded.data_dir, "revoke", "watcher")
+            # The job goes on, so nothing but the token can be the end of it.
+            assert all("cancelled" not in line for line in lines)
+            alice.post(f"/v1/jobs/{job['id']}/cancel").raise_for_status()
+            assert any('"cancelled"' in line for line in other_lines)
+        assert watcher.get(f"/v1/jobs/{job['id']}").status_code == 401
+
+
 def test_an_expired_token_is_refused(guarded: Any) -> None:
     text = create(guarded.data_dir, "brief", "--expires", "1s")
     time.sleep(1.1)
