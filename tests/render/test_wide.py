@@ -22,12 +22,15 @@ ALL = {**SCENES, "bits": bit_scene}
 ISAS = ("sse4.2", "avx2", "avx512")
 
 
-def render(scene: rk.Scene, *, reference: bool, **settings: Any) -> tuple[Floats, dict[str, int]]:
+def render(
+    scene: rk.Scene, *, reference: bool, few_triangles: bool = True, **settings: Any
+) -> tuple[Floats, dict[str, int]]:
     resolved = rk.RenderSettings(
         **{"width": 48, "height": 40, "spp": 20, "filter": "box", "rr_depth": 3, **settings}
     ).over(scene.settings)
     compiled = compile_scene(scene, resolved)
-    renderer = _core.Renderer(compiled.core, {**options(resolved), "reference": reference})
+    chosen = {**options(resolved), "reference": reference, "few_triangles": few_triangles}
+    renderer = _core.Renderer(compiled.core, chosen)
     while not renderer.finished:
         renderer.run_pass(lambda _: True)
     planes = renderer.planes()
@@ -55,6 +58,15 @@ def test_wide_paths_are_the_reference_paths(name: str, max_depth: int) -> None:
         assert counts[kind] == pytest.approx(expected[kind], rel=2e-3)
 
 
+def test_few_triangles_need_no_hierarchy() -> None:
+    scene = rk.load_scene("cornell_box")
+    all_of_them, counts = render(scene, reference=False)
+    hierarchy, expected = render(scene, reference=False, few_triangles=False)
+    assert_same_to_rounding(all_of_them, hierarchy)
+    assert not np.array_equal(all_of_them, hierarchy)  # or it was one way twice
+    assert counts["bounce_rays"] == pytest.approx(expected["bounce_rays"], rel=2e-3)
+
+
 @pytest.mark.parametrize("sampler", ["sobol", "independent"])
 @pytest.mark.parametrize("integrator", ["path", "direct"])
 def test_wide_paths_follow_the_settings(integrator: str, sampler: str) -> None:
@@ -70,18 +82,19 @@ import sys
 import numpy as np
 import raykiln as rk
 settings = rk.RenderSettings(width=40, height=40, spp=17, filter="box", threads=1)
-result = rk.render(rk.load_scene("whitted_spheres"), settings)
+result = rk.render(rk.load_scene(sys.argv[2]), settings)
 print(result.stats.isa)
 np.save(sys.argv[1], result.image)
 """
 
 
+@pytest.mark.parametrize("name", ["whitted_spheres", "cornell_box"])
 @pytest.mark.parametrize("isa", ISAS)
-def test_each_instruction_set_gives_the_picture(isa: str, tmp_path: Any) -> None:
+def test_each_instruction_set_gives_the_picture(isa: str, name: str, tmp_path: Any) -> None:
     file = tmp_path / "image.npy"
     environment = {**os.environ, "RAYKILN_ISA": isa}
     run = subprocess.run(
-        [sys.executable, "-c", PROGRAM, str(file)],
+        [sys.executable, "-c", PROGRAM, str(file), name],
         env=environment,
         capture_output=True,
         text=True,
@@ -92,5 +105,5 @@ def test_each_instruction_set_gives_the_picture(isa: str, tmp_path: Any) -> None
     assert run.returncode == 0, run.stderr
     assert run.stdout.strip() == isa
     settings = rk.RenderSettings(width=40, height=40, spp=17, filter="box")
-    here = rk.render(rk.load_scene("whitted_spheres"), settings).image.astype(np.float64)
+    here = rk.render(rk.load_scene(name), settings).image.astype(np.float64)
     assert_same_to_rounding(np.load(file).astype(np.float64), here)

@@ -50,7 +50,8 @@ Renderer::Renderer(const Scene& scene, const Accel& accel, const Camera& camera,
         batch_scene_ = std::make_unique<BatchScene>(BatchScene{
             scene_, accel_, camera_, filter_, e, options_.width, options_.height,
             options_.seed, layers.albedo || layers.normal || layers.depth,
-            ShapeList(scene_)});
+            ShapeList(scene_),
+            options_.few_triangles ? FewTriangles(scene_) : FewTriangles()});
     }
 }
 

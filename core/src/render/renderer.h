@@ -23,6 +23,8 @@ struct RenderOptions {
     /// Path by path, as the textbook has it, instead of in batches: slower, and the same
     /// picture to rounding.
     bool reference = false;
+    /// Whether a scene of few triangles is traced without its hierarchies.
+    bool few_triangles = true;
     Isa isa = process_isa();  ///< of the batches
 };
 

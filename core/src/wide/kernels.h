@@ -3,6 +3,7 @@
 #include <cstddef>
 #include <cstdint>
 
+#include "accel/few_triangles.h"
 #include "integrator/context.h"
 #include "sampling/filter.h"
 #include "scene/camera.h"
@@ -24,6 +25,7 @@ struct BatchScene {
     std::uint32_t seed;
     bool first_hits;  ///< whether those are asked for
     ShapeList shapes;
+    FewTriangles few_triangles;  ///< empty: the hierarchies of `accel` are used
 };
 
 /// Pixels of a batch and the sample numbers that each gets, and where the results are:

@@ -74,6 +74,30 @@ inline void trace_packet(const BatchScene& b, Paths& paths, std::uint32_t begin,
     scatter(mask, paths.instance.at, slots, load(p.instance));
 }
 
+/// Rays of the slots against all triangles of a scene that has only a few.
+inline void trace_few(const BatchScene& b, Paths& paths, const Indices& active, int count,
+                      bool camera_rays) {
+    for (int i = 0; i < count; i += lanes) {
+        const M valid = M::first(std::min(lanes, count - i));
+        const U slots = select(valid, load(active.at + i), U(active.at[i]));
+        const F t_near = camera_rays ? paths.t_near[slots] : F(0.0f);
+        const F t_far = camera_rays ? paths.t_far[slots] : F(infinity);
+        const FewTrianglesHit<F> hit =
+            intersect(b.few_triangles, paths.origin[slots], paths.direction[slots],
+                      t_near, t_far);
+        const M met = valid & hit.met;
+        const auto id = [&](const std::vector<std::uint32_t>& of_triangle) {
+            return gather(met, of_triangle.data(), hit.triangle, U(no_index));
+        };
+        paths.hit_t.put(valid, slots, hit.t);
+        paths.hit_u.put(valid, slots, hit.u);
+        paths.hit_v.put(valid, slots, hit.v);
+        scatter(valid, paths.geometry.at, slots, id(b.few_triangles.geometry));
+        scatter(valid, paths.primitive.at, slots, id(b.few_triangles.primitive));
+        scatter(valid, paths.instance.at, slots, U(no_index));
+    }
+}
+
 inline Ray lane_ray(const Paths& paths, std::uint32_t slot, bool camera_rays) {
     Ray ray{paths.origin.one(slot), paths.direction.one(slot)};
     if (camera_rays) {
@@ -94,6 +118,10 @@ inline void trace_paths(const BatchScene& b, Paths& paths, const Indices& active
             set_hit(paths, slot,
                     trace(c, lane_ray(paths, slot, camera_rays), bsdf_group(depth)));
         }
+        return;
+    }
+    if (!b.few_triangles.empty()) {
+        trace_few(b, paths, active, count, camera_rays);
         return;
     }
     for (int i = 0; i < count;) {
@@ -119,6 +147,11 @@ inline void trace_paths(const BatchScene& b, Paths& paths, const Indices& active
 
 /// Whether something is between: any packet will do, as only that counts.
 inline M shadowed(const BatchScene& b, const ShadowRays& rays, int begin, M wanted) {
+    if (!b.few_triangles.empty()) {
+        return occluded(b.few_triangles, rays.origin.load_at(begin),
+                        rays.direction.load_at(begin), load(rays.t_far.at + begin),
+                        wanted);
+    }
     RayPacket<lanes> p;
     p.prepare();
     store(p.origin_x, load(rays.origin.x.at + begin));
