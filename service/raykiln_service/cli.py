@@ -14,6 +14,7 @@ import typer
 from raykiln_service.commands import (
     batch,
     compare,
+    deliveries,
     downloads,
     gc,
     queue,
@@ -46,6 +47,9 @@ app.command()(remote.status)
 app.command()(watch.watch)
 app.command()(downloads.download)
 app.command()(remote.cancel)
+app.command()(remote.retry)
+app.command()(remote.delete)
+app.command()(deliveries.deliveries)
 app.command()(queue.queue)
 app.command()(gc.gc)
 app.add_typer(token.app, name="token")

@@ -16,6 +16,7 @@ from typing import Any
 import sqlalchemy as sa
 
 from raykiln_service.database import Database
+from raykiln_service.errors import NotFoundError
 from raykiln_service.jobs import FINAL_STATES, JobState, Webhook
 from raykiln_service.rows import dump
 from raykiln_service.tables import jobs
@@ -198,6 +199,20 @@ class Outbox:
         again = {"next_ms": self._clock() + round((delay_s or 0) * 1000)}
         values = failed if delay_s is None else again
         self._settle(delivery, **values, status=status, error=error)
+
+    def redeliver(self, job_id: str, delivery_id: str) -> None:
+        """Send a message again, at once and with all its attempts; `NotFoundError` without it.
+
+        A webhook that asked for no more is told again from now on.
+        """
+        fresh = {"state": "pending", "next_ms": self._clock(), "attempts": 0, "error": None}
+        wanted = (deliveries.c.id == delivery_id, deliveries.c.job_id == job_id)
+        with self._database.write() as connection:
+            query = deliveries.update().where(*wanted).values(**fresh, status=None)
+            if connection.execute(query).rowcount == 0:
+                raise NotFoundError(f"job {job_id} has no delivery {delivery_id!r}")
+            hook = webhooks.update().where(webhooks.c.job_id == job_id)
+            connection.execute(hook.values(disabled_ms=None))
 
     def disable(self, delivery: Delivery, status: int) -> None:
         """The receiver is gone for good: send it nothing more about this job."""

@@ -104,6 +104,7 @@ class Service:
             uploads=self.uploads,
             hub=self.hub,
             outbox=outbox,
+            wake_sender=self.sender.wake_up,
             metrics=self.metrics,
             submissions=Submissions(
                 self.store,

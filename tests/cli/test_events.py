@@ -9,13 +9,14 @@ import httpx
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from raykiln_service.client.calls import Call, RetryPolicy, check_server, may_retry, submit_call
+from raykiln_service.client.calls import Call, RetryPolicy, check_server, may_retry
 from raykiln_service.client.models import (
     Event,
     EventDecoder,
     ServerError,
     ServerUnreachableError,
 )
+from raykiln_service.client.requests import submit
 
 STREAM = (
     ': hello\nid: 1\nevent: state\ndata: {"state": "running"}\n\n'
@@ -82,11 +83,7 @@ def test_the_pause_grows_follows_the_service_and_ends() -> None:
 
 
 def test_a_submission_carries_a_key_of_its_own() -> None:
-    arguments = {"outputs": None, "priority": 0, "labels": None, "wait_s": None}
-    calls = [
-        submit_call({"name": "a"}, {}, idempotency_key=None, **arguments)  # type: ignore[arg-type]
-        for _ in range(2)
-    ]
+    calls = [submit({"name": "a"}).call for _ in range(2)]
     keys = {call.headers["Idempotency-Key"] for call in calls}
     assert len(keys) == 2
     assert all(call.repeatable for call in calls)

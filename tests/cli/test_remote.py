@@ -13,6 +13,7 @@ import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
@@ -103,6 +104,98 @@ def test_submit_waits_and_downloads(remote: Run, tmp_path: Path) -> None:
     # The service and the command render the same bits.
     assert remote("render", "cornell_box", *SMALL, "-o", "local.exr").code == 0
     np.testing.assert_array_equal(read_image("a.exr"), read_image("local.exr"))
+
+
+def test_what_a_submitted_job_may_take(remote: Run) -> None:
+    limits = ("--timeout", "0.3", "--memory", "1536M")
+    ran = remote("submit", "cornell_box", "--size", "64x64", "--spp", 1 << 20, *limits, "--wait")
+    assert ran.code == 1
+    assert "took longer than its time limit" in ran.err
+    with Client() as client:
+        (job,) = client.jobs(limit=1).items
+        assert job.model_extra is not None
+        assert job.model_extra["timeout_s"] == 0.3
+        assert job.model_extra["memory_bytes"] == 3 << 29
+        assert job.error is not None
+        assert job.error["reason"] == "timeout"
+    again = remote("retry", job.id, "--json").json
+    assert (again["id"], again["state"]) == (job.id, "queued")
+    assert remote("delete", job.id).error.startswith(f"job {job.id} is ")
+    remote("cancel", job.id)
+    while remote("status", job.id, "--json").json["state"] != "cancelled":
+        time.sleep(0.05)
+    assert remote("delete", job.id) == Ran(0, "", "")
+    assert remote("status", job.id).code == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--memory", "much"], "--memory: not understood (found much); accepted: a whole"),
+        (["--timeout", "0"], "/timeout_s: "),
+        (["--webhook-event", "failed"], "--webhook-event: goes with --webhook only"),
+        (["--webhook", "ftp://x/"], "/webhook/url: "),
+        (["--webhook", "http://127.0.0.1/"], "/webhook/url: "),
+        (["--webhook", "https://example.com/", "--webhook-event", "born"], "/webhook/events/0: "),
+    ],
+)
+def test_limits_and_webhooks_that_are_none(remote: Run, arguments: list[str], says: str) -> None:
+    ran = remote("submit", "cornell_box", *SMALL, *arguments)
+    assert ran.code == 2
+    assert ran.error.startswith(says)
+
+
+def test_webhooks_are_asked_for_and_told_again(
+    raykiln: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By the command and both clients; the secret comes from the environment."""
+    answers, got = [410, 204, 204], []
+
+    class Receiver(BaseHTTPRequestHandler):
+        def do_POST(self) -> None:
+            got.append(json.loads(self.rfile.read(int(self.headers["content-length"]))))
+            self.send_response(answers[min(len(got), len(answers)) - 1])
+            self.end_headers()
+
+        def log_message(self, *_arguments: Any) -> None:
+            """Say nothing."""
+
+    def settled(job: str) -> list[str]:
+        while not (items := raykiln("deliveries", job, "--json").json["items"]) or any(
+            item["state"] == "pending" for item in items
+        ):
+            time.sleep(0.05)
+        return [item["id"] for item in items]
+
+    monkeypatch.setenv("RAYKILN_WEBHOOK_ALLOW_PRIVATE", "true")
+    own = serve(tmp_path / "hooked")
+    monkeypatch.setenv("RAYKILN_SERVER", own.url)
+    receiver = ThreadingHTTPServer(("127.0.0.1", 0), Receiver)
+    threading.Thread(target=receiver.serve_forever, daemon=True).start()
+    hook = ("--webhook", f"http://127.0.0.1:{receiver.server_address[1]}/")
+    try:
+        assert "no secret of its own" in raykiln("submit", "cornell_box", *SMALL, *hook).error
+        monkeypatch.setenv("RAYKILN_JOB_WEBHOOK_SECRET", "whsec_" + "a" * 40)
+        done = raykiln("submit", "cornell_box", *SMALL, *hook, "--webhook-event", "succeeded")
+        job = done.out.strip()
+        (message,) = settled(job)
+        assert "failed" in raykiln("deliveries", job).out
+        assert raykiln("deliveries", job, "--redeliver-failed").code == 0
+        assert settled(job) == [message]
+        assert "delivered" in raykiln("deliveries", job).out
+
+        async def tell_again() -> str:
+            async with AsyncClient() as client:
+                return (await client.redeliver(job, message)).items[0].id
+
+        assert asyncio.run(tell_again()) == message
+        settled(job)
+        assert [one["type"] for one in got] == ["job.succeeded"] * 3
+        assert raykiln("deliveries", job, "--redeliver", "msg_none").code == 2
+    finally:
+        stop(own)
+        receiver.shutdown()
+        receiver.server_close()
 
 
 def test_a_submitted_job_is_followed_by_its_id(remote: Run, tmp_path: Path) -> None:

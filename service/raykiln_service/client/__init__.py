@@ -9,6 +9,8 @@ from raykiln_service.client.blocking import Client
 from raykiln_service.client.models import (
     Asset,
     ClientError,
+    Deliveries,
+    Delivery,
     Event,
     Frame,
     FrameCounts,
@@ -26,6 +28,8 @@ __all__ = [
     "AsyncClient",
     "Client",
     "ClientError",
+    "Deliveries",
+    "Delivery",
     "Event",
     "Frame",
     "FrameCounts",

@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable, Coroutine
+from functools import wraps
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Concatenate, ParamSpec, Self, TypeVar, get_args, get_type_hints
 
 import httpx
 
-from raykiln_service.client import calls
+from raykiln_service.client import calls, requests
 from raykiln_service.client.base import CHUNK_BYTES, ClientBase
 from raykiln_service.client.calls import Call, Reconnects
 from raykiln_service.client.downloads import Download
-from raykiln_service.client.models import (
-    Asset,
-    Event,
-    EventDecoder,
-    Frame,
-    Job,
-    JobPage,
-    ServerError,
-)
+from raykiln_service.client.models import Asset, Event, EventDecoder, Frame, Job, ServerError
+from raykiln_service.client.requests import Ask, signed_like
 from raykiln_service.client.uploads import (
     SMALL_BYTES,
     Answer,
@@ -32,12 +26,30 @@ from raykiln_service.client.uploads import (
     upload_steps,
 )
 
+P = ParamSpec("P")
+T = TypeVar("T")
+
 
 async def _blocks(file: Path, start: int = 0) -> AsyncIterator[bytes]:
     with file.open("rb") as stream:
         stream.seek(start)
         while block := stream.read(CHUNK_BYTES):
             yield block
+
+
+def _awaited(
+    maker: Callable[P, Ask[T]],
+) -> Callable[Concatenate[AsyncClient, P], Coroutine[Any, Any, T]]:
+    """The method of a client that carries out what `maker` asks."""
+
+    @wraps(maker)
+    async def method(self: AsyncClient, /, *args: P.args, **kwargs: P.kwargs) -> T:
+        ask = maker(*args, **kwargs)
+        return ask.read(await self._send(ask.call))
+
+    answer = get_type_hints(maker)["return"]
+    signed_like(method, maker, get_args(answer)[0])
+    return method
 
 
 class AsyncClient(ClientBase):
@@ -111,29 +123,19 @@ class AsyncClient(ClientBase):
         response = await self._reply(call, content)
         return self._document(response) if response.content else None
 
-    async def version(self) -> dict[str, Any]:
-        """What the service says about itself."""
-        document: dict[str, Any] = await self._send(Call("GET", "/v1/version"))
-        return document
-
-    async def queue(self) -> dict[str, Any]:
-        """The queue as a whole: how much waits and runs, and whether it is paused."""
-        document: dict[str, Any] = await self._send(Call("GET", "/v1/queue"))
-        return document
-
-    async def pause_queue(self, reason: str | None = None) -> dict[str, Any]:
-        """Begin no further jobs; those that run go on."""
-        document: dict[str, Any] = await self._send(calls.pause_call(reason))
-        return document
-
-    async def resume_queue(self) -> dict[str, Any]:
-        """Begin jobs again."""
-        document: dict[str, Any] = await self._send(Call("POST", "/v1/queue/resume"))
-        return document
-
-    async def scenes(self) -> list[dict[str, Any]]:
-        """The scenes that the service bundles."""
-        return calls.items_of(await self._send(Call("GET", "/v1/scenes")))
+    version = _awaited(requests.version)
+    queue = _awaited(requests.queue)
+    pause_queue = _awaited(requests.pause_queue)
+    resume_queue = _awaited(requests.resume_queue)
+    scenes = _awaited(requests.scenes)
+    submit = _awaited(requests.submit)
+    job = _awaited(requests.job)
+    jobs = _awaited(requests.jobs)
+    cancel = _awaited(requests.cancel)
+    retry = _awaited(requests.retry)
+    delete = _awaited(requests.delete)
+    deliveries = _awaited(requests.deliveries)
+    redeliver = _awaited(requests.redeliver)
 
     async def upload_asset(self, path: str | Path, *, filename: str | None = None) -> Asset:
         """Upload a scene file, or a zip bundle of a scene and the files beside it.
@@ -171,68 +173,6 @@ class AsyncClient(ClientBase):
             return error
         return answer_of(response, self.server)
 
-    async def submit(
-        self,
-        scene: Mapping[str, Any],
-        settings: Mapping[str, Any] | None = None,
-        *,
-        frames: Mapping[str, Any] | None = None,
-        outputs: list[str] | None = None,
-        priority: int = 0,
-        labels: Mapping[str, str] | None = None,
-        cache: bool = True,
-        idempotency_key: str | None = None,
-        wait_s: float | None = None,
-    ) -> Job:
-        """Submit a job.
-
-        Parameters
-        ----------
-        scene
-            ``{"name": …}``, ``{"asset": id, "entry": …}`` or ``{"inline": {…}}``.
-        settings
-            `RenderSettings` fields.
-        frames
-            Many pictures: ``{"turntable": {"count": 36}}``, ``{"cameras": "all"}`` or
-            ``{"time": {…}}``; None = one.
-        outputs
-            ``exr``, ``png``, and of frames ``contact_sheet``, ``webp``, ``mp4``; None = what the
-            service makes by itself.
-        idempotency_key
-            Two submissions with one key give one job; None = a fresh key.
-        cache
-            Whether the result of an identical job may be the answer.
-        wait_s
-            Let the service hold the answer back until the job ends, this long at most.
-        """
-        call = calls.submit_call(
-            scene,
-            settings or {},
-            frames=frames,
-            outputs=outputs,
-            priority=priority,
-            labels=labels,
-            cache=cache,
-            idempotency_key=idempotency_key,
-            wait_s=wait_s,
-        )
-        return Job.model_validate(await self._send(call))
-
-    async def job(self, job_id: str) -> Job:
-        """A job as it stands."""
-        return Job.model_validate(await self._send(calls.job_call(job_id)))
-
-    async def jobs(
-        self,
-        *,
-        state: str | None = None,
-        labels: Mapping[str, str] | None = None,
-        limit: int | None = None,
-        cursor: str | None = None,
-    ) -> JobPage:
-        """One page of jobs, newest first."""
-        return calls.page_of(await self._send(calls.jobs_call(state, labels, limit, cursor)))
-
     async def frames(self, job_id: str, *, state: str | None = None) -> list[Frame]:
         """The frames of a job by number, or those in one state; none for a job of one image."""
         found: list[Frame] = []
@@ -243,18 +183,6 @@ class AsyncClient(ClientBase):
             cursor = page["next_cursor"]
             if cursor is None:
                 return found
-
-    async def cancel(self, job_id: str) -> Job:
-        """Cancel a job; what is rendered so far is kept."""
-        return Job.model_validate(await self._send(calls.cancel_call(job_id)))
-
-    async def retry(self, job_id: str) -> Job:
-        """Queue a failed or cancelled job again."""
-        return Job.model_validate(await self._send(calls.retry_call(job_id)))
-
-    async def delete(self, job_id: str) -> None:
-        """Delete a job that has ended, with its outputs."""
-        await self._send(calls.delete_call(job_id))
 
     async def events(
         self,

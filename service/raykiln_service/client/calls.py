@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import email.utils
 import random
-import secrets
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,7 +15,6 @@ import httpx
 
 from raykiln_service.client.models import (
     Event,
-    JobPage,
     ServerError,
     ServerUnreachableError,
     is_final,
@@ -73,82 +71,11 @@ def may_retry(error: Exception, call: Call) -> bool:
     return call.repeatable and isinstance(error, httpx.TransportError)
 
 
-# ------------------------------------------------------------------- the calls
-
-
-def submit_call(
-    scene: Mapping[str, Any],
-    settings: Mapping[str, Any],
-    *,
-    frames: Mapping[str, Any] | None = None,
-    outputs: list[str] | None,
-    priority: int,
-    labels: Mapping[str, str] | None,
-    idempotency_key: str | None,
-    cache: bool = True,
-    wait_s: float | None,
-) -> Call:
-    """Submit a job; without a key of the caller's, a fresh one makes the call repeatable."""
-    body: dict[str, Any] = {"scene": dict(scene), "settings": dict(settings)}
-    if frames is not None:
-        body["frames"] = dict(frames)
-    if outputs is not None:
-        body["outputs"] = outputs
-    if priority:
-        body["priority"] = priority
-    if labels:
-        body["labels"] = dict(labels)
-    if not cache:
-        body["cache"] = False
-    headers = {"Idempotency-Key": idempotency_key or secrets.token_hex(16)}
-    timeout_s = None
-    if wait_s is not None:
-        headers["Prefer"] = f"wait={max(0, round(wait_s))}"
-        timeout_s = wait_s + 30
-    return Call("POST", "/v1/jobs", headers=headers, json=body, timeout_s=timeout_s)
-
-
-def pause_call(reason: str | None) -> Call:
-    """Pause the queue."""
-    return Call("POST", "/v1/queue/pause", json={} if reason is None else {"reason": reason})
-
-
-def job_call(job_id: str) -> Call:
-    """One job."""
-    return Call("GET", _job_path(job_id))
-
-
-def jobs_call(
-    state: str | None, labels: Mapping[str, str] | None, limit: int | None, cursor: str | None
-) -> Call:
-    """One page of jobs."""
-    given = {"state": state, "limit": limit, "cursor": cursor}
-    params: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
-    if labels:
-        params["label"] = [f"{name}={value}" for name, value in labels.items()]
-    return Call("GET", "/v1/jobs", params=params)
-
-
-def cancel_call(job_id: str) -> Call:
-    """Cancel a job."""
-    return Call("POST", _job_path(job_id) + "/cancel", repeatable=False)
-
-
-def retry_call(job_id: str) -> Call:
-    """Queue a failed or cancelled job again."""
-    return Call("POST", _job_path(job_id) + "/retry", repeatable=False)
-
-
-def delete_call(job_id: str) -> Call:
-    """Delete a job and its outputs."""
-    return Call("DELETE", _job_path(job_id), repeatable=False)
-
-
 def frames_call(job_id: str, state: str | None, cursor: str | None) -> Call:
     """One page of the frames of a job."""
     given = {"state": state, "limit": 1000, "cursor": cursor}
     params = {name: value for name, value in given.items() if value is not None}
-    return Call("GET", _job_path(job_id) + "/frames", params=params)
+    return Call("GET", job_path(job_id) + "/frames", params=params)
 
 
 def output_call(
@@ -158,17 +85,17 @@ def output_call(
     given = {"exposure": exposure, "view": view}
     params = {key: value for key, value in given.items() if value is not None}
     place = "outputs" if frame is None else f"frames/{frame}"
-    return Call("GET", f"{_job_path(job_id)}/{place}/{quote(name, safe='')}", params=params)
+    return Call("GET", f"{job_path(job_id)}/{place}/{quote(name, safe='')}", params=params)
 
 
 def archive_call(job_id: str) -> Call:
     """All outputs as one zip."""
-    return Call("GET", _job_path(job_id) + "/outputs.zip")
+    return Call("GET", job_path(job_id) + "/outputs.zip")
 
 
 def preview_call(job_id: str) -> Call:
     """The image so far, as PNG."""
-    return Call("GET", _job_path(job_id) + "/preview.png")
+    return Call("GET", job_path(job_id) + "/preview.png")
 
 
 def events_call(job_id: str, last_event_id: str | None) -> Call:
@@ -176,7 +103,7 @@ def events_call(job_id: str, last_event_id: str | None) -> Call:
     headers = {"Accept": "text/event-stream"}
     if last_event_id is not None:
         headers["Last-Event-ID"] = last_event_id
-    return Call("GET", _job_path(job_id) + "/events", headers=headers)
+    return Call("GET", job_path(job_id) + "/events", headers=headers)
 
 
 def upload_call(path: Path, filename: str) -> Call:
@@ -186,11 +113,9 @@ def upload_call(path: Path, filename: str) -> Call:
     return Call("POST", "/v1/assets", params={"filename": filename}, headers=headers)
 
 
-def _job_path(job_id: str) -> str:
+def job_path(job_id: str) -> str:
+    """Where a job is."""
     return "/v1/jobs/" + quote(job_id, safe="")
-
-
-# ------------------------------------------------------------------ the replies
 
 
 def check_server(server: str) -> str:
@@ -247,17 +172,6 @@ def _retry_after_s(response: httpx.Response) -> float | None:
         return max(0.0, moment - time.time())
     except (ValueError, TypeError):
         return None
-
-
-def page_of(document: Any) -> JobPage:
-    """The page of jobs in a reply."""
-    return JobPage.model_validate(document)
-
-
-def items_of(document: Any) -> list[dict[str, Any]]:
-    """The list in a reply."""
-    items: list[dict[str, Any]] = document["items"] if isinstance(document, dict) else document
-    return items
 
 
 def ends_stream(event: Event) -> bool:

@@ -187,6 +187,33 @@ class JobPage(Model):
     next_cursor: str | None = None
 
 
+class Delivery(Model):
+    """One message to a webhook."""
+
+    id: str
+    """The header `webhook-id`."""
+    event: str
+    """job.succeeded, job.failed or job.cancelled."""
+    state: str
+    """pending, delivered or failed."""
+    attempts: int
+    created_at: datetime | None = None
+    last_attempt_at: datetime | None = None
+    next_attempt_at: datetime | None = None
+    status: int | None = None
+    """HTTP status of the last answer."""
+    error: str | None = None
+    """Why the last attempt did not deliver it."""
+
+
+class Deliveries(Model):
+    """What the webhook of a job has been told, newest first."""
+
+    webhook: dict[str, Any] | None = None
+    """``url``, ``events``, ``disabled_at``; None if the job has none."""
+    items: list[Delivery] = Field(default_factory=list)
+
+
 @dataclass(frozen=True)
 class Event:
     """One server-sent event of a job."""

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from raykiln_service.retention import Sweep
 
 _SECONDS = {"s": 1, "m": 60, "h": 3600, "d": 86400, "w": 604800}
-_BYTES = {"": 1, "k": 1 << 10, "m": 1 << 20, "g": 1 << 30, "t": 1 << 40}
+BYTES = {"": 1, "k": 1 << 10, "m": 1 << 20, "g": 1 << 30, "t": 1 << 40}
 
 KeepResults = Annotated[
     str | None,
@@ -100,14 +100,15 @@ def retention_of(
 ) -> dict[str, float | int | None]:
     """The options above as service settings; a usage error for what is no time or size."""
     return {
-        "keep_results_s": _quantity("--keep-results", keep_results, _SECONDS, "12h or 30d"),
-        "keep_assets_s": _quantity("--keep-assets", keep_assets, _SECONDS, "12h or 30d"),
-        "max_results_bytes": _quantity("--max-results", max_results, _BYTES, "500M or 20G"),
-        "max_assets_bytes": _quantity("--max-assets", max_assets, _BYTES, "500M or 20G"),
+        "keep_results_s": quantity("--keep-results", keep_results, _SECONDS, "12h or 30d"),
+        "keep_assets_s": quantity("--keep-assets", keep_assets, _SECONDS, "12h or 30d"),
+        "max_results_bytes": quantity("--max-results", max_results, BYTES, "500M or 20G"),
+        "max_assets_bytes": quantity("--max-assets", max_assets, BYTES, "500M or 20G"),
     }
 
 
-def _quantity(option: str, text: str | None, units: dict[str, int], examples: str) -> int | None:
+def quantity(option: str, text: str | None, units: dict[str, int], examples: str) -> int | None:
+    """A whole number with a unit of `units`; a usage error for what is none."""
     if text is None:
         return None
     found = re.fullmatch(r"(\d{1,15})\s*([a-zA-Z]?)(?:i?[bB])?", text.strip())

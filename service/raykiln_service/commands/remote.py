@@ -17,6 +17,14 @@ from raykiln_service.commands.console import (
 )
 from raykiln_service.commands.downloads import Target, download_all, download_targets
 from raykiln_service.commands.frames import FrameOptions
+from raykiln_service.commands.gc import BYTES, quantity
+from raykiln_service.commands.limits import (
+    MemoryOption,
+    TimeoutOption,
+    WebhookEventOption,
+    WebhookOption,
+    webhook_of,
+)
 from raykiln_service.commands.options import RenderOptions, with_options, with_render_options
 from raykiln_service.commands.render import (
     ExposureOption,
@@ -74,6 +82,10 @@ def submit(
         int, typer.Option("--priority", help="Higher ones go first.", metavar="N")
     ] = 0,
     label: LabelOption = None,
+    timeout: TimeoutOption = None,
+    memory: MemoryOption = None,
+    webhook: WebhookOption = None,
+    webhook_event: WebhookEventOption = None,
     no_cache: Annotated[
         bool, typer.Option("--no-cache", help="Render even if an identical job's result is there.")
     ] = False,
@@ -97,6 +109,8 @@ def submit(
     labels = parse_labels(label)
     request = frames.request()
     outputs = outputs_of(animation, request)
+    hook = webhook_of(webhook, webhook_event)
+    memory_bytes = quantity("--memory", memory, BYTES, "512M or 4G")
     targets = download_targets(output or [])
     if stats is not None:
         check_writable(stats, "--stats")
@@ -110,6 +124,9 @@ def submit(
             outputs=outputs,
             priority=priority,
             labels=labels,
+            timeout_s=timeout,
+            memory_bytes=memory_bytes,
+            webhook=hook,
             cache=not no_cache,
         )
         if not quiet:
@@ -246,13 +263,32 @@ def _line(job: Job) -> str:
     return f"{text}  {labels}".rstrip()
 
 
+def retry(job: JobArgument, server: ServerOption = None, as_json: JsonOption = False) -> None:
+    """Run a failed or cancelled job again; it goes on from its last checkpoint."""
+    from raykiln_service.client import Client
+
+    with Client(server) as client:
+        _show(client.retry(job), as_json=as_json)
+
+
+def delete(job: JobArgument, server: ServerOption = None) -> None:
+    """Remove a job that has ended, with its results."""
+    from raykiln_service.client import Client
+
+    with Client(server) as client:
+        client.delete(job)
+
+
+def _show(job: Job, *, as_json: bool) -> None:
+    if as_json:
+        print_json(job.model_dump(mode="json"))
+    else:
+        print(_line(job))
+
+
 def cancel(job: JobArgument, server: ServerOption = None, as_json: JsonOption = False) -> None:
     """Cancel a job; what it has rendered so far is kept."""
     from raykiln_service.client import Client
 
     with Client(server) as client:
-        found = client.cancel(job)
-    if as_json:
-        print_json(found.model_dump(mode="json"))
-    else:
-        print(_line(found))
+        _show(client.cancel(job), as_json=as_json)

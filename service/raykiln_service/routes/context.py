@@ -45,6 +45,8 @@ class Context:
     uploads: Uploads
     hub: EventHub
     outbox: Outbox
+    wake_sender: Callable[[], None]
+    """Deliver at once what waits in the outbox."""
     metrics: Metrics
     submissions: Submissions
     queue: QueueWatch

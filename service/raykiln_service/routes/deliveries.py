@@ -7,7 +7,7 @@ from urllib.parse import urlsplit
 from fastapi import APIRouter
 
 from raykiln_service.outbox import Delivery, Hook
-from raykiln_service.routes.context import ERRORS, InContext
+from raykiln_service.routes.context import ERRORS, Context, InContext
 from raykiln_service.schemas import timestamp
 from raykiln_service.schemas_webhooks import DeliveriesView, DeliveryView, WebhookView
 
@@ -17,6 +17,21 @@ router = APIRouter(prefix="/v1/jobs/{job_id}", tags=["webhooks"], responses=ERRO
 @router.get("/deliveries")
 def list_deliveries(job_id: str, context: InContext) -> DeliveriesView:
     """The webhook of a job, and its last hundred messages, newest first."""
+    return _deliveries(job_id, context)
+
+
+@router.post("/deliveries/{delivery_id}/redeliver", status_code=202)
+def redeliver(job_id: str, delivery_id: str, context: InContext) -> DeliveriesView:
+    """Send a message again, at once, whatever became of it; its id stays.
+
+    It gets all its attempts anew, and a webhook that answered 410 is told again.
+    """
+    context.outbox.redeliver(job_id, delivery_id)
+    context.wake_sender()
+    return _deliveries(job_id, context)
+
+
+def _deliveries(job_id: str, context: Context) -> DeliveriesView:
     context.store.job(job_id)
     hook, found = context.outbox.of_job(job_id)
     return DeliveriesView(

@@ -83,18 +83,19 @@ class Sender:
     def heard(self, event: StateEvent) -> None:
         """A job's state has changed: there may be something to deliver."""
         if event.data["state"] in _FINAL:
-            self._wake_up()
+            self.wake_up()
 
     def stop(self, timeout_s: float) -> None:
         """End; what is under way is delivered again by the next service."""
         self._stopping = True
-        self._wake_up()
+        self.wake_up()
         if self._thread.is_alive():
             self._thread.join(timeout_s)
         for pool in (self._store_thread, self._resolver):
             pool.shutdown(wait=pool is self._store_thread, cancel_futures=True)
 
-    def _wake_up(self) -> None:
+    def wake_up(self) -> None:
+        """Look at once what there is to deliver."""
         loop, wake = self._loop, self._wake
         if loop is not None and wake is not None:
             try:

@@ -203,6 +203,31 @@ def test_it_is_given_up_some_day(
     assert len(there.got) == 4
 
 
+def test_what_was_given_up_is_sent_again_on_request(
+    hooked: Any, ball: dict[str, Any], receiver: Callable[..., Receiver]
+) -> None:
+    there = receiver(410, 204)
+    job_id = submit(hooked, ball, url=there.url)
+    first = ended(hooked, job_id)
+    assert (first["state"], first["status"]) == ("failed", 410)
+    path = f"/v1/jobs/{job_id}/deliveries/{first['id']}/redeliver"
+    with hooked.client() as client:
+        reply = client.post(path)
+        assert reply.status_code == 202
+        assert reply.json()["webhook"]["disabled_at"] is None
+        there.wait_for(2)
+        again = ended(hooked, job_id)
+        assert (again["id"], again["state"], again["attempts"]) == (first["id"], "delivered", 1)
+        assert again["error"] is None
+        # Also what has arrived, for a receiver that has lost it.
+        client.post(path).raise_for_status()
+        there.wait_for(3)
+        assert client.post(f"/v1/jobs/{job_id}/deliveries/msg_none/redeliver").status_code == 404
+        other = submit(hooked, ball, url=there.url)
+        assert client.post(path.replace(job_id, other)).status_code == 404
+    assert len({body for _, _, body in there.got[:3]}) == 1
+
+
 def test_gone_means_never_again(
     hooked: Any, ball: dict[str, Any], receiver: Callable[..., Receiver]
 ) -> None:
