@@ -275,8 +275,6 @@ class Store(LeaseStore, QueueStore, RetentionStore):
     ) -> list[Job]:
         """Jobs, newest first, of one owner or of all; a label's value None means any value."""
         query = sa.select(jobs).order_by(jobs.c.seq.desc()).limit(limit)
-        if states:
-            query = query.where(jobs.c.state.in_(list(states)))
         if owner is not None:
             query = query.where(jobs.c.owner == owner)
         if before_seq is not None:
@@ -286,6 +284,14 @@ class Store(LeaseStore, QueueStore, RetentionStore):
             if value is not None:
                 owners = owners.where(job_labels.c.value == value)
             query = query.where(jobs.c.id.in_(owners))
+        # The jobs of one state are in order in an index, those of several are not.
+        wanted = states or (JobState if owner is not None else ())
+        parts = [query.where(jobs.c.state == state) for state in dict.fromkeys(wanted)]
+        if len(parts) == 1:
+            query = parts[0]
+        elif parts:
+            merged = sa.union_all(*(sa.select(part.subquery()) for part in parts)).subquery()
+            query = sa.select(merged).order_by(merged.c.seq.desc()).limit(limit)
         with self.database.read() as connection:
             return [job_of(row) for row in connection.execute(query).mappings()]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -430,6 +431,94 @@ def test_the_queue_is_read_in_the_order_of_its_index(sqlite_store: Store) -> Non
     text = " ".join(row[3] for row in plan)
     assert "ix_jobs_queue" in text
     assert "B-TREE" not in text
+
+
+def plans_of(store: Store, look: Callable[[], object]) -> list[str]:
+    """How SQLite carries out what `look` asks, a line for each step."""
+    asked: list[tuple[str, Any]] = []
+
+    def note(_connection: Any, _cursor: Any, sql: str, values: Any, *_rest: Any) -> None:
+        asked.append((sql, values))
+
+    sa.event.listen(sa.Engine, "before_cursor_execute", note)
+    look()
+    sa.event.remove(sa.Engine, "before_cursor_execute", note)
+    steps = []
+    with store.database.read() as connection:
+        for sql, values in asked:
+            if sql.startswith("SELECT"):
+                plan = connection.exec_driver_sql(f"EXPLAIN QUERY PLAN {sql}", values)
+                steps += [str(row[3]) for row in plan]
+    assert steps
+    return steps
+
+
+_BOTH = (JobState.QUEUED, JobState.FAILED)
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"states": [JobState.QUEUED]},
+        {"states": [JobState.QUEUED], "before_seq": 5000},
+        {"states": _BOTH, "before_seq": 5000},
+        {"owner": "tok-1"},
+        {"owner": "tok-1", "states": _BOTH, "before_seq": 5000},
+    ],
+)
+def test_a_page_of_jobs_is_read_in_the_order_of_an_index(
+    sqlite_store: Store, asked: dict[str, Any]
+) -> None:
+    steps = plans_of(sqlite_store, lambda: sqlite_store.list_jobs(**asked))
+    pages = [step for step in steps if " jobs " in f"{step} "]
+    assert pages
+    for step in pages:
+        assert step.startswith("SEARCH jobs USING INDEX ix_jobs_"), steps
+    for before, step in pairwise(steps):
+        # Only the few that the parts have found are put in order.
+        assert "TEMP B-TREE" not in step or before.startswith("SCAN anon_"), steps
+
+
+@pytest.mark.parametrize("labels", [{"a": "1"}, {"a": None}, {"a": "1", "b": "2"}])
+@pytest.mark.parametrize("states", [(), [JobState.QUEUED], _BOTH])
+def test_labels_are_looked_up(sqlite_store: Store, labels: dict[str, Any], states: Any) -> None:
+    look = lambda: sqlite_store.list_jobs(labels=labels, states=states)  # noqa: E731
+    steps = plans_of(sqlite_store, look)
+    found = [step for step in steps if "job_labels" in step]
+    assert found
+    assert all(step.startswith("SEARCH job_labels USING ") for step in found), steps
+    assert not any(step.startswith("SCAN jobs") for step in steps), steps
+
+
+def test_the_queue_and_a_job_in_it_are_looked_up(sqlite_store: Store) -> None:
+    add(sqlite_store)
+    job = sqlite_store.job("job-1")
+    looks: list[Callable[[], object]] = [
+        sqlite_store.queue_now,
+        sqlite_store.recent_runs,
+        sqlite_store.oldest_queued_ms,
+        lambda: sqlite_store.queue_positions([job]),
+        lambda: sqlite_store.queue_positions([job, job]),
+        lambda: sqlite_store.events_after("job-1", 0),
+        lambda: sqlite_store.frame_counts(["job-1"]),
+        lambda: sqlite_store.leases_of("me"),
+    ]
+    for look in looks:
+        for step in plans_of(sqlite_store, look):
+            assert not step.startswith(("SCAN jobs", "SCAN events", "SCAN frames")), step
+
+
+def test_pages_of_several_states_and_owners(store: Store) -> None:
+    for number in range(12):
+        add(store, f"job-{number}")
+        if number % 3 == 0:
+            store.cancel(f"job-{number}")
+    states = [JobState.CANCELLED, JobState.QUEUED, JobState.CANCELLED]
+    first = store.list_jobs(states=states, limit=5)
+    assert [job.id for job in first] == [f"job-{n}" for n in (11, 10, 9, 8, 7)]
+    rest = store.list_jobs(states=states, limit=50, before_seq=first[-1].seq)
+    assert [job.id for job in rest] == [f"job-{n}" for n in (6, 5, 4, 3, 2, 1, 0)]
+    assert store.list_jobs(owner="tok-1") == []
 
 
 def test_a_second_migration_changes_nothing(store: Store) -> None:
