@@ -6,8 +6,8 @@
 #include "math/wide.h"
 #include "shapes.h"
 
-// Testing against all triangles, compared with the hierarchy (which accel_test.cpp compares
-// with brute force in double precision), alone and side by side.
+// Testing against all triangles, compared with the hierarchy (which accel_test.cpp
+// compares with brute force in double precision), alone and side by side.
 
 namespace raykiln {
 namespace {
@@ -28,7 +28,11 @@ Hit hit_of(const FewTriangles& few, const Ray& ray) {
         return {};
     }
     const Vec3f& normal = few.triangles[hit.triangle].normal;
-    return {hit.t,  hit.u, hit.v, normal, few.geometry[hit.triangle],
+    return {hit.t,
+            hit.u,
+            hit.v,
+            normal,
+            few.geometry[hit.triangle],
             few.primitive[hit.triangle]};
 }
 
@@ -132,8 +136,7 @@ TEST(FewTriangles, DoNotDependOnTheOtherLanes) {
         }
         const auto hits = intersect(few, origin, direction, Wide(0.0f), Wide(infinity));
         const WideMask wanted = WideMask::of_bits(static_cast<std::uint32_t>(i));
-        const WideMask blocked =
-            occluded(few, origin, direction, Wide(infinity), wanted);
+        const WideMask blocked = occluded(few, origin, direction, Wide(infinity), wanted);
         for (int k = 0; k < width; ++k) {
             const auto alone =
                 intersect(few, rays[k].origin, rays[k].direction, 0.0f, infinity);
@@ -150,7 +153,8 @@ TEST(FewTriangles, DoNotDependOnTheOtherLanes) {
 }
 
 TEST(FewTriangles, OfEqualDistancesTheFirstIsMet) {
-    test::Triangles sheet{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, {{0, 1, 2}, {2, 1, 0}}, {}, {}};
+    test::Triangles sheet{
+        {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, {{0, 1, 2}, {2, 1, 0}}, {}, {}};
     const FewTriangles few(scene_of({sheet, sheet}));
     const Hit hit = hit_of(few, {{0.25f, 0.25f, 1}, {0, 0, -1}});
     EXPECT_EQ(hit.geometry, 0u);

@@ -79,8 +79,7 @@ struct EdgeAreas {
 
     EdgeAreas(const FewTriangles::Triangle& t, const SeenEdges<F>& seen) {
         for (int k = 0; k < 3; ++k) {
-            area[k] =
-                as_float(as_uint(seen.edge[t.edge[k]]) ^ Uint<F>(t.flip[k]));
+            area[k] = as_float(as_uint(seen.edge[t.edge[k]]) ^ Uint<F>(t.flip[k]));
         }
     }
     Mask<F> within() const {

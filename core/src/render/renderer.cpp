@@ -47,11 +47,11 @@ Renderer::Renderer(const Scene& scene, const Accel& accel, const Camera& camera,
     }
     if (e.integrator == IntegratorKind::path && !options_.reference) {
         const FilmLayers& layers = options_.layers;
-        batch_scene_ = std::make_unique<BatchScene>(BatchScene{
-            scene_, accel_, camera_, filter_, e, options_.width, options_.height,
-            options_.seed, layers.albedo || layers.normal || layers.depth,
-            ShapeList(scene_),
-            options_.few_triangles ? FewTriangles(scene_) : FewTriangles()});
+        batch_scene_ = std::make_unique<BatchScene>(
+            BatchScene{scene_, accel_, camera_, filter_, e, options_.width,
+                       options_.height, options_.seed,
+                       layers.albedo || layers.normal || layers.depth, ShapeList(scene_),
+                       options_.few_triangles ? FewTriangles(scene_) : FewTriangles()});
     }
 }
 

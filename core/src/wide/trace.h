@@ -82,9 +82,8 @@ inline void trace_few(const BatchScene& b, Paths& paths, const Indices& active, 
         const U slots = select(valid, load(active.at + i), U(active.at[i]));
         const F t_near = camera_rays ? paths.t_near[slots] : F(0.0f);
         const F t_far = camera_rays ? paths.t_far[slots] : F(infinity);
-        const FewTrianglesHit<F> hit =
-            intersect(b.few_triangles, paths.origin[slots], paths.direction[slots],
-                      t_near, t_far);
+        const FewTrianglesHit<F> hit = intersect(b.few_triangles, paths.origin[slots],
+                                                 paths.direction[slots], t_near, t_far);
         const M met = valid & hit.met;
         const auto id = [&](const std::vector<std::uint32_t>& of_triangle) {
             return gather(met, of_triangle.data(), hit.triangle, U(no_index));
