@@ -232,8 +232,8 @@ TEST(LightChoice, NearLightsAreChosenMoreOften) {
     scene.lights.emplace_back(PointLight{{0, 0, 10}, Vec3f(1.0f)});
     prepare_lights(scene);
     const LightReceiver receiver{{0, 0, 0}, {0, 0, 1}};
-    // By inverse square: 100 to 1.
-    EXPECT_NEAR(pmf_of_light(scene, receiver, 0), 100.0 / 101, 1e-4);
+    // By inverse square: 100 to 1, roughly.
+    EXPECT_NEAR(pmf_of_light(scene, receiver, 0), 100.0 / 101, 1e-3);
 }
 
 TEST(LightChoice, LightsOfMirroredInstancesKeepTheirSide) {

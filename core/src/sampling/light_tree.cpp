@@ -180,8 +180,14 @@ std::uint32_t byte_above(float x) {
     return static_cast<std::uint32_t>(clamp(std::ceil(x), 0.0f, 255.0f));
 }
 
-std::uint32_t ten_bits(float x) {
-    return static_cast<std::uint32_t>(512 + std::lround(511.0f * x));
+/// Two floats in a word, each to within 2^-8: `first` is read with `second` as its low
+/// bits. It is 1e-19 at least: beside a zero they would make a denormal, which is slow.
+std::uint32_t pair(float first, float second) {
+    const std::uint32_t low = (std::bit_cast<std::uint32_t>(second) + 0x8000u) >> 16;
+    const std::uint32_t size =
+        std::bit_cast<std::uint32_t>(max(std::fabs(first), 1e-19f));
+    const std::uint32_t sign = std::bit_cast<std::uint32_t>(first) & 0x80000000u;
+    return sign | ((size - low + 0x8000u) & 0xffff0000u) | low;
 }
 
 }  // namespace
@@ -258,24 +264,23 @@ struct LightTree::Builder {
         float unused, cos_total;
         sin_cos_turns(theta_total * inv_two_pi, unused, cos_total);
         const Vec3f half = b.bounds.extent() * 0.5f;
-        const float radius = max(length(half), 1e-18f);
+        const float radius = max(length(half), 1e-10f);
         const float through = std::fabs(b.axis.x) * half.x +
                               std::fabs(b.axis.y) * half.y + std::fabs(b.axis.z) * half.z;
-        // The axis has 10 bits a component, distances are rough.
-        const float lean = 0.006f - cos_total;
+        // The axis has 8 bits a component, distances are rough.
+        const float lean = 0.008f - cos_total;
         const float behind = through + std::fabs(lean) * radius;
 
         const float along = clamp(lobe.even_along(b.axis) / lobe.amplitude, 0.0f, 1.0f);
         const float forward = dot(lobe.forward, b.axis) / lobe.amplitude;
         Cluster c;
         c.center = b.bounds.center();
-        c.amplitude = lobe.amplitude;
-        c.axis = ten_bits(b.axis.x) | ten_bits(b.axis.y) << 10 | ten_bits(b.axis.z) << 20;
-        c.reach = upper_half(radius) << 16 |
-                  byte_above(behind / (radius * behind_step)) << 8 |
-                  byte_above((lean + 1.0f) / lean_step);
-        c.lobe = upper_half(clamp(forward, -1.0f, 1.0f)) << 16 |
-                 upper_half(0.5f * (1.0f - along));
+        c.amplitude_aside = pair(lobe.amplitude, 0.5f * (1.0f - along));
+        c.axis_xy = pair(b.axis.x, b.axis.y);
+        c.axis_z_forward = pair(b.axis.z, clamp(forward, -1.0f, 1.0f));
+        c.radius_reach = upper_half(radius) << 16 |
+                         byte_above(behind / (radius * behind_step)) << 8 |
+                         byte_above((lean + 1.0f) / lean_step);
         c.next = 0;
         return c;
     }

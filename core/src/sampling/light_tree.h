@@ -55,15 +55,16 @@ class LightTree {
     F pmf(const LightReceiverOf<F>& receiver, Uint<F> light) const;
 
   private:
-    /// What is known of a light or of many, in 32 bytes.
+    /// What is known of a light or of many, in 32 bytes. Two numbers share a word, the
+    /// first as a float whose low bits are noise, the second as the upper half of one.
     template <class F>
     struct ClusterOf {
         Vec3<F> center;
-        F amplitude;    ///< sum of the intensities; 0: nothing here
-        Uint<F> axis;   ///< unit, 10 bits a component: 512 + 511 x
-        Uint<F> reach;  ///< as a float the radius; low byte: `lean`, next: `behind`
-        Uint<F> lobe;   ///< upper half (a float): `forward`; lower half: `aside`
-        Uint<F> next;   ///< number of a node; or of a light, with `is_light` set
+        Uint<F> amplitude_aside;  ///< sum of the intensities, 0: nothing here; `aside`
+        Uint<F> axis_xy;          ///< unit
+        Uint<F> axis_z_forward;
+        Uint<F> radius_reach;  ///< second half: bytes `behind`, `lean`
+        Uint<F> next;          ///< a node; or a light, with `is_light` set
     };
     using Cluster = ClusterOf<float>;
     struct alignas(64) Node {
@@ -79,7 +80,7 @@ class LightTree {
 
     static constexpr std::uint32_t none = 0xffffffffu;
     static constexpr std::uint32_t is_light = 0x80000000u;
-    // Scales of the bytes of `reach`.
+    // Scales of the bytes.
     static constexpr float lean_step = 2.02f / 255.0f, behind_step = 2.75f / 255.0f;
 
     template <class F>
@@ -96,8 +97,16 @@ class LightTree {
 
 namespace detail {
 
-/// 1 / sqrt(x) to within a thousandth, for x > 0: by the exponent's bits and one step of
-/// Newton's method (constants of Moroz et al. 2018). The same on every processor.
+// By the bits of the exponent: the same on every processor, as instructions for it are
+// not.
+
+/// sqrt(x) to within 4 %, for x >= 0.
+template <class F>
+inline F rough_sqrt(F x) {
+    return as_float((as_uint(x) >> 1) + Uint<F>(0x1fbb4f2eu));
+}
+/// 1 / sqrt(x) to within a thousandth, for x > 0: with one step of Newton's method
+/// (constants of Moroz et al. 2018).
 template <class F>
 inline F rough_rsqrt(F x) {
     const F y = as_float(Uint<F>(0x5f376908u) - (as_uint(x) >> 1));
@@ -120,40 +129,40 @@ inline F LightTree::contribution(const ClusterOf<F>& c, const LightReceiverOf<F>
                                  F any_side) {
     using U = Uint<F>;
     using detail::rough_rsqrt;
+    using detail::rough_sqrt;
     const F slack(1e-3f);         // of what is rounded here
     const F least_cosine(0.02f);  // twice the cosine, as all of them below
-    const F radius = as_float(c.reach);
+    const auto first = [](U pair) { return as_float(pair); };
+    const auto second = [](U pair) { return as_float(pair << 16); };
+    const F radius = first(c.radius_reach);
     // How far its lights lie from its middle, squared, if they fill the box: what keeps
     // the estimates finite within a cluster, and smooth about it.
-    const F spread2 = max(radius * radius * F(0.125f), F(1e-20f));
+    const F spread2 = radius * radius * F(0.125f);
     const Vec3<F> d = c.center - r.p;
     const F distance2 = length_squared(d);
     const F about2 = distance2 + spread2;
     const F inverse = rough_rsqrt(about2);
     const F distance = about2 * inverse;
 
-    const U byte(255u), ten_bits(1023u);
-    const F to_axis = F(1.0f / 511.0f) * (F(512.0f) * (d.x + d.y + d.z) -
-                                          (to_float(c.axis & ten_bits) * d.x +
-                                           to_float((c.axis >> 10) & ten_bits) * d.y +
-                                           to_float((c.axis >> 20) & ten_bits) * d.z));
-    const F lean = to_float(c.reach & byte) * F(lean_step) - F(1.0f);
-    const F behind = to_float((c.reach >> 8) & byte) * F(behind_step) * radius;
+    const F to_axis = F(0.0f) - dot(d, Vec3<F>{first(c.axis_xy), second(c.axis_xy),
+                                               first(c.axis_z_forward)});
+    const F lean = to_float(c.radius_reach & U(0xffu)) * F(lean_step) - F(1.0f);
+    const F behind =
+        to_float(c.radius_reach & U(0xff00u)) * F(behind_step / 256.0f) * radius;
     const auto emits = to_axis + lean * distance + behind > F(0.0f);
-    const F forward = as_float(c.lobe), aside = as_float(c.lobe << 16);
-    const F even2 = max((F(1.0f) - F(3.0f) * aside) * to_axis * to_axis +
-                            aside * distance2 + F(0.125f) * behind * behind,
-                        F(1e-30f));
-    const F emitted =
-        max((forward * to_axis + even2 * rough_rsqrt(even2)) * inverse, least_cosine);
+    const F forward = second(c.axis_z_forward), aside = second(c.amplitude_aside);
+    const F even2 = (F(1.0f) - F(3.0f) * aside) * to_axis * to_axis + aside * distance2 +
+                    F(0.125f) * behind * behind;
+    const F emitted = max((forward * to_axis + rough_sqrt(max(even2, F(0.0f)))) * inverse,
+                          least_cosine);
 
     // The mean of the cosine over the part of the cluster above the horizon.
     const F height = dot(r.normal, d);
     const F across2 = height * height + spread2 + any_side * distance2;
-    const F received =
-        max((height + across2 * rough_rsqrt(across2)) * inverse, least_cosine);
+    const F received = max((height + rough_sqrt(across2)) * inverse, least_cosine);
     const auto above = height + radius + slack * distance > F(0.0f);
-    return select(emits & above, c.amplitude * inverse * inverse * (emitted * received),
+    const F amplitude = first(c.amplitude_aside);
+    return select(emits & above, amplitude * inverse * inverse * (emitted * received),
                   F(0.0f));
 }
 
@@ -170,15 +179,20 @@ template <class F>
         ClusterOf<F> c;
         if (same) {
             const Cluster& one = nodes_[first].child[i];
+            if (one.amplitude_aside == 0) {
+                out.weight[i] = F(0.0f);
+                out.next[i] = U(0u);
+                continue;
+            }
             c = {{F(one.center.x), F(one.center.y), F(one.center.z)},
-                 F(one.amplitude),
-                 U(one.axis),
-                 U(one.reach),
-                 U(one.lobe),
+                 U(one.amplitude_aside),
+                 U(one.axis_xy),
+                 U(one.axis_z_forward),
+                 U(one.radius_reach),
                  U(one.next)};
         } else {
             const auto row = gather_row<F, 8>(nodes_.data(), node, 8 * i);
-            c = {{row[0], row[1], row[2]}, row[3],          as_uint(row[4]),
+            c = {{row[0], row[1], row[2]}, as_uint(row[3]), as_uint(row[4]),
                  as_uint(row[5]),          as_uint(row[6]), as_uint(row[7])};
         }
         out.weight[i] = contribution(c, receiver, any_side);

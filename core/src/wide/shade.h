@@ -229,12 +229,24 @@ struct Vertex {
     }
 };
 
+/// Where a material may send light on at all.
+template <class B>
+inline M may_scatter(const B&) {
+    return M(true);
+}
+inline M may_scatter(const Diffuse<F>& bsdf) {
+    return max_component(bsdf.reflectance) > F(0.0f);
+}
+
 /// Chooses a light by what it may contribute, and leaves a shadow ray to it with the
 /// light that the surface scatters from there.
 template <class B>
 inline void sample_direct_light(const Vertex& at, const SurfacePoint<F>& s, const B& bsdf,
                                 const Vec3<F>& dir_out, const Vec3<F>& throughput,
                                 const LightReceiverOf<F>& receiver) {
+    if (!any(at.valid & may_scatter(bsdf))) {
+        return;
+    }
     const Sample4<F> u = at.draw(light_group(at.depth));
     const LightChoiceOf<F> choice = choose_light(at.b.scene, receiver, u[0]);
     M wanted = at.valid & (choice.pmf > F(0.0f));
