@@ -72,7 +72,7 @@ PYTHON_ROOMS: dict[str, Room] = {
         | {f"raykiln_service.{name}" for name in ("beside", "idempotency", "ownership", "quotas")}
         | {f"raykiln_service.{name}" for name in ("tables_access", "tokens", "upload_rows")}
         | {f"raykiln_service.{name}" for name in ("migrations", "store_base", "store_queue")}
-        | {"raykiln_service.store_retention", "raykiln_service.outbox"}
+        | {"raykiln_service.store_retention", "raykiln_service.outbox", "raykiln_service.replies"}
         | {
             f"raykiln_service.{name}"
             for name in ("tables", "tables_frames", "tables_webhooks", "units")

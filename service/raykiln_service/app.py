@@ -55,6 +55,7 @@ from raykiln_service.settings import ServiceSettings
 _DRAIN_S = 2
 _UPKEEP_S = 600.0
 _REVOKED_S = 1.0
+_REPLIES_S = 0.5
 _THREADS = 16
 _SWITCH_S = 0.001
 _NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
@@ -68,7 +69,7 @@ def create_app(service: Service) -> FastAPI:
         # More threads than this only take turns with the event loop, which must stay quick.
         to_thread.current_default_thread_limiter().total_tokens = _THREADS
         await run_in_threadpool(service.start)
-        tasks = [asyncio.create_task(work(service)) for work in (_keep_up, _end_revoked)]
+        tasks = [asyncio.create_task(work(service)) for work in _CHORES]
         yield
         for task in tasks:
             task.cancel()
@@ -108,6 +109,16 @@ async def _keep_up(service: Service) -> None:
             logs.get_logger().warning("clean-up did not work", exc_info=error)
 
 
+async def _write_replies(service: Service) -> None:
+    """Write down what requests were answered with, many at a time."""
+    while True:
+        await asyncio.sleep(_REPLIES_S)
+        try:
+            await run_in_threadpool(service.replies.write)
+        except SQLAlchemyError as error:
+            logs.get_logger().warning("replies not written", error=str(error))
+
+
 async def _end_revoked(service: Service) -> None:
     """End the streams of tokens that are let in no longer; one look for all that are open."""
     while True:
@@ -118,6 +129,9 @@ async def _end_revoked(service: Service) -> None:
                     service.hub.end_of(owner)
         except SQLAlchemyError as error:
             logs.get_logger().warning("tokens not looked at", error=str(error))
+
+
+_CHORES = (_keep_up, _end_revoked, _write_replies)
 
 
 def serve(settings: ServiceSettings) -> None:

@@ -25,6 +25,7 @@ from raykiln_service.logs import get_logger
 from raykiln_service.metrics import Metrics
 from raykiln_service.outbox import Outbox
 from raykiln_service.queueing import QueueWatch
+from raykiln_service.replies import Replies
 from raykiln_service.retention import Keeper, Rounds
 from raykiln_service.routes.context import Context
 from raykiln_service.settings import ServiceSettings
@@ -94,6 +95,7 @@ class Service:
         )
         keeper = Keeper(self.store, self.assets, settings, self.hub.forget)
         self.rounds = Rounds(keeper, settings.gc_interval_s, self.metrics.note_sweep)
+        self.replies = Replies(self.database)
         outbox = Outbox(self.database, self.store.clock, horizon_ms(settings))
         self.sender = Sender(outbox, settings, self.metrics)
         self.store.listen(self.sender.heard)
@@ -104,6 +106,7 @@ class Service:
             uploads=self.uploads,
             hub=self.hub,
             outbox=outbox,
+            replies=self.replies,
             wake_sender=self.sender.wake_up,
             metrics=self.metrics,
             submissions=Submissions(

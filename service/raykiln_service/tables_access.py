@@ -67,6 +67,7 @@ idempotency = Table(
     Column("digest", Text, nullable=False),
     Column("job_id", Text, nullable=False),
     Column("created_ms", BigInt, nullable=False),
+    Column("reply", Text),
     Index("ix_idempotency_created", "created_ms"),
     **STRICT,
 )

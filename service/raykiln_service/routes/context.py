@@ -19,6 +19,7 @@ from raykiln_service.jobs import Job, JobState
 from raykiln_service.metrics import Metrics
 from raykiln_service.outbox import Outbox
 from raykiln_service.queueing import QueueWatch, Turn
+from raykiln_service.replies import Replies
 from raykiln_service.schemas import EtaView, JobView, Problem, job_view
 from raykiln_service.schemas_frames import frames_view
 from raykiln_service.settings import ServiceSettings
@@ -45,6 +46,7 @@ class Context:
     uploads: Uploads
     hub: EventHub
     outbox: Outbox
+    replies: Replies
     wake_sender: Callable[[], None]
     """Deliver at once what waits in the outbox."""
     metrics: Metrics

@@ -6,6 +6,7 @@ import asyncio
 import base64
 import binascii
 import re
+from collections.abc import Mapping
 from functools import partial
 from typing import Annotated, Any
 
@@ -18,6 +19,7 @@ from raykiln_service.errors import InvalidRequestError, ServiceError
 from raykiln_service.files import remove_tree
 from raykiln_service.jobs import Job, JobState
 from raykiln_service.logs import get_logger
+from raykiln_service.replies import Reply
 from raykiln_service.routes.access import InCaller
 from raykiln_service.routes.context import ERRORS, Context, InContext, read_json
 from raykiln_service.schemas import JobPageView, JobRequest, JobView
@@ -46,17 +48,16 @@ EXTRA_SCHEMAS = {"JobRequest": JobRequest}
 )
 async def create_job(
     request: Request,
-    response: Response,
     context: InContext,
     caller: InCaller,
     idempotency_key: Annotated[str | None, Header()] = None,
     prefer: Annotated[str | None, Header()] = None,
-) -> JobView:
+) -> Response:
     """Queue a job.
 
     The scene and the settings are checked first: what cannot be rendered is refused here.  The
-    same `Idempotency-Key` and body answer the same job.  `Prefer: wait=30` answers 200 with the
-    finished job if it ends in that many seconds.
+    same `Idempotency-Key` and body get the same reply again.  `Prefer: wait=30` answers 200 with
+    the finished job if it ends in that many seconds.
     """
     _check_key(idempotency_key)
     body = await read_json(request)
@@ -71,14 +72,36 @@ async def create_job(
         get_logger().info("job accepted", job=job.id, attempt=0, token=caller.name)
         if job.attempts == 0 and job.state is JobState.SUCCEEDED:
             context.metrics.note_answer()
+    wait_s = _wait_s(prefer)
+    if idempotency_key is None:
+        return _sent(await _answer(context, caller, job, wait_s))
+    reply = None
+    if not created:
+        reply = await run_in_threadpool(context.replies.find, caller.owner, idempotency_key)
     else:
-        response.headers["Idempotent-Replayed"] = "true"
-    if wait_s := _wait_s(prefer):
+        context.replies.forget(caller.owner, idempotency_key)
+    if reply is None:
+        reply = await _answer(context, caller, job, wait_s)
+        reply = context.replies.keep(caller.owner, idempotency_key, reply)
+    elif wait_s and reply.status == 202:
+        # Whoever asks to wait wants to know how the job ended, not that it was once accepted.
+        reply = await _answer(context, caller, job, wait_s)
+    return _sent(reply, {} if created else {"Idempotent-Replayed": "true"})
+
+
+async def _answer(context: Context, caller: Caller, job: Job, wait_s: int) -> Reply:
+    headers = {"Location": f"/v1/jobs/{job.id}"}
+    if wait_s:
         job = await _wait_for_end(context, caller, job.id, wait_s)
-        response.headers["Preference-Applied"] = f"wait={wait_s}"
-    response.status_code = 200 if wait_s and job.state.is_final else 202
-    response.headers["Location"] = f"/v1/jobs/{job.id}"
-    return await run_in_threadpool(context.view, job)
+        headers["Preference-Applied"] = f"wait={wait_s}"
+    view = await run_in_threadpool(context.view, job)
+    status = 200 if wait_s and job.state.is_final else 202
+    return Reply(status, headers, view.model_dump_json(by_alias=True))
+
+
+def _sent(reply: Reply, more: Mapping[str, str] | None = None) -> Response:
+    headers = {**reply.headers, **(more or {})}
+    return Response(reply.body, reply.status, headers, media_type="application/json")
 
 
 @router.get("")

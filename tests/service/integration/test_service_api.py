@@ -244,6 +244,36 @@ def test_the_repeat_while_the_first_is_worked_on(server: Any, ball: dict[str, An
     assert (again.status_code, again.json()["id"]) == (202, made.pop())
 
 
+def test_a_repeat_gets_the_reply_of_the_first(serve: Any, ball: dict[str, Any]) -> None:
+    """Status, headers and body, whatever the job has become, also after a kill of the service."""
+    server = serve()
+    body = {"scene": {"inline": ball}, "settings": QUICK, "labels": {"a": "ü"}}
+
+    def post(key: str, **headers: str) -> httpx.Response:
+        headers = {"Idempotency-Key": key, **headers}
+        with server.client() as client:
+            return client.post("/v1/jobs", json=body, headers=headers)
+
+    first, waited = post("stored"), post("waited", Prefer="wait=60")
+    assert (first.status_code, waited.status_code) == (202, 200)
+    job_id = first.json()["id"]
+    server.wait_for_end(job_id)
+    for _ in range(2):
+        for key, given in (("stored", first), ("waited", waited)):
+            again = post(key)
+            assert (again.status_code, again.content) == (given.status_code, given.content)
+            assert again.headers.pop("Idempotent-Replayed") == "true"
+            names = {name for name in given.headers if name not in ("date", "traceparent")}
+            assert {n: again.headers[n] for n in names} == {n: given.headers[n] for n in names}
+        # Replies are written down together, a little later.
+        time.sleep(1.5)
+        server.kill_all()
+        server = serve()
+    # To wait is to ask anew.
+    assert post("stored", Prefer="wait=60").json()["state"] == "succeeded"
+    assert post("stored").content == first.content
+
+
 def test_a_key_outlives_its_job(server: Any, ball: dict[str, Any]) -> None:
     body = {"scene": {"inline": ball}, "settings": QUICK}
     headers = {"Idempotency-Key": "gone", "Prefer": "wait=60"}
