@@ -31,6 +31,8 @@ CPP_ARROWS["bindings"] = set(CPP_ARROWS)
 CPP_LIBRARIES: dict[str, set[str]] = {
     "embree": {"accel"},
     "OpenImageIO": {"image"},
+    "Imf": {"image"},
+    "png.h": {"image"},
     "pybind11": {"bindings"},
     "tbb": {"accel", "render"},
 }
@@ -44,7 +46,7 @@ class Room(NamedTuple):
 
 
 _CORE = {"errors", "scene", "image", "formats", "_core"}
-_COMPILED = ("raykiln._core", "raykiln._image")
+_COMPILED = ("raykiln._core", "raykiln._image", "raykiln._oiio")
 # The longest module name that fits says in which room a module is.
 PYTHON_ROOMS: dict[str, Room] = {
     "_core": Room({"raykiln._core"}, set()),
@@ -56,7 +58,7 @@ PYTHON_ROOMS: dict[str, Room] = {
         },
         {"errors"},
     ),
-    "_image": Room({"raykiln._image"}, set()),
+    "_image": Room({"raykiln._image", "raykiln._oiio"}, set()),
     "image": Room({"raykiln.image"}, {"errors", "_image"}),
     "formats": Room({"raykiln.formats"}, {"errors", "scene", "image"}),
     "renderer": Room({"raykiln"}, _CORE),
@@ -166,7 +168,7 @@ def _first_folder(path: Path) -> str:
 
 
 def _cpp_target(included: str, path: Path, root: Path) -> str | None:
-    library = re.match(r"(embree|OpenImageIO|pybind11|tbb)", included)
+    library = re.match(r"(embree|OpenImageIO|Imf|png\.h|pybind11|tbb)", included)
     if library:
         return library[0]
     source = root / "core" / "src"

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 import raykiln
-from raykiln import _core, _image
+from raykiln import _core, _image, _oiio
 
 PACKAGE = Path(raykiln.__file__).parent
 SCRIPT = """
@@ -126,7 +126,7 @@ def test_the_package_says_that_it_is_typed() -> None:
     assert (PACKAGE / "py.typed").is_file()
 
 
-@pytest.mark.parametrize("module", [_core, _image], ids=["_core", "_image"])
+@pytest.mark.parametrize("module", [_core, _image, _oiio], ids=["_core", "_image", "_oiio"])
 def test_stubs_match_the_compiled_module(module: ModuleType) -> None:
     name = module.__name__.rpartition(".")[2]
     stub = ast.parse((PACKAGE / f"{name}.pyi").read_text())

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import os
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -81,6 +83,47 @@ def test_exr_reads_strided_and_integer_input() -> None:
     pixels = np.arange(2 * 3 * 4, dtype=np.float32).reshape(2, 3, 4)
     for view in (pixels[::-1, ::-1, :3], pixels.transpose(1, 0, 2)[..., 1:], pixels.astype(int)):
         np.testing.assert_array_equal(read_image(encode_exr({"beauty": view})), view)
+
+
+def test_exr_names_that_are_no_text() -> None:
+    pixels = np.ones((1, 1, 3), np.float32)
+    whole = bytes(encode_exr({"beauty": pixels}, metadata={"note": "abcd"}))
+    broken = whole.replace(b"\0G\0", b"\0\xd7\0", 1).replace(b"abcd", b"a\xffcd", 1)
+    assert sorted(read_exr_layers(broken)) == ["\\xd7", "beauty"]
+    assert read_exr_metadata(broken) == {"note": "a\\xffcd"}
+
+
+def test_png_text_of_any_language() -> None:
+    data = bytes(encode_png(gradient(), metadata={"note": "Straße 道"}))
+    opened = PillowImage.open(io.BytesIO(data))
+    assert opened.info["note"] == "Straße 道"
+    assert read_exr_metadata(data) == {"note": "Straße 道"}
+
+
+OWN_KINDS = """
+import sys
+from raykiln.image import encode_exr, encode_png, read_image
+import numpy as np
+pixels = np.ones((4, 4, 3), np.float32)
+for data in (encode_exr({"beauty": pixels}), encode_png(pixels)):
+    read_image(bytes(data))
+maps = open("/proc/self/maps").read()
+assert "libOpenEXR" in maps
+print("OpenImageIO" in maps, "raykiln._oiio" in sys.modules)
+read_image(sys.stdin.buffer.read())
+print("raykiln._oiio" in sys.modules)
+"""
+
+
+def test_openimageio_is_loaded_for_its_files_only() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", OWN_KINDS],
+        input=one_of_each()["jpeg"],
+        capture_output=True,
+        check=True,
+        timeout=120,
+    )
+    assert done.stdout.split() == [b"False", b"False", b"True"]
 
 
 def test_exr_metadata_and_window_come_back(tmp_path: Path) -> None:

@@ -6,6 +6,8 @@
 #include <optional>
 #include <string_view>
 
+#include "error.h"
+
 namespace raykiln {
 
 namespace {
@@ -72,6 +74,15 @@ std::vector<int> colour_channels(const std::vector<std::string>& names) {
     std::vector<int> all(names.size() <= 4 ? names.size() : 0);
     std::iota(all.begin(), all.end(), 0);
     return all;
+}
+
+std::vector<int> require_colour_channels(const std::vector<std::string>& names) {
+    auto chosen = colour_channels(names);
+    if (chosen.empty()) {
+        throw ImageError("none of its " + std::to_string(names.size()) +
+                         " channels is named R, G, B or Y");
+    }
+    return chosen;
 }
 
 }  // namespace raykiln

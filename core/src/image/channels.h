@@ -10,4 +10,7 @@ namespace raykiln {
 /// at most four.  Empty if there is no such choice.
 std::vector<int> colour_channels(const std::vector<std::string>& names);
 
+/// The same, but throws ImageError if there is no such choice.
+std::vector<int> require_colour_channels(const std::vector<std::string>& names);
+
 }  // namespace raykiln

@@ -4,6 +4,9 @@
 #include <string_view>
 
 #include "image/bmp.h"
+#include "image/exr.h"
+#include "image/png.h"
+#include "image/radiance.h"
 #include "image/targa.h"
 
 namespace raykiln {
@@ -12,6 +15,12 @@ namespace {
 
 using namespace std::string_view_literals;
 
+// For files without layers and metadata.
+template <Image decode(std::span<const std::byte>)>
+Image whole(std::span<const std::byte> file, ChannelChoice) {
+    return decode(file);
+}
+
 struct Magic {
     std::size_t offset;
     std::string_view bytes;
@@ -19,16 +28,16 @@ struct Magic {
 };
 
 const std::array magics{
-    Magic{0, "\x76\x2f\x31\x01"sv, {"openexr", "OpenEXR"}},
-    Magic{0, "\x89PNG\r\n\x1a\n"sv, {"png", "PNG"}},
-    Magic{0, "\xff\xd8\xff"sv, {"jpeg", "JPEG"}},
-    Magic{0, "#?"sv, {"hdr", "Radiance HDR"}},
-    Magic{0, "II*\0"sv, {"tiff", "TIFF"}},
-    Magic{0, "MM\0*"sv, {"tiff", "TIFF"}},
-    Magic{0, "II+\0"sv, {"tiff", "BigTIFF"}},
-    Magic{0, "MM\0+"sv, {"tiff", "BigTIFF"}},
-    Magic{8, "WEBP"sv, {"webp", "WebP"}},
-    Magic{0, "BM"sv, {nullptr, "BMP", &decode_bmp}},
+    Magic{0, "\x76\x2f\x31\x01"sv, {"OpenEXR", read_exr, nullptr, read_exr}},
+    Magic{0, "\x89PNG\r\n\x1a\n"sv, {"PNG", read_png}},
+    Magic{0, "\xff\xd8\xff"sv, {"JPEG", nullptr, "jpeg"}},
+    Magic{0, "#?"sv, {"Radiance HDR", whole<decode_radiance>}},
+    Magic{0, "II*\0"sv, {"TIFF", nullptr, "tiff"}},
+    Magic{0, "MM\0*"sv, {"TIFF", nullptr, "tiff"}},
+    Magic{0, "II+\0"sv, {"BigTIFF", nullptr, "tiff"}},
+    Magic{0, "MM\0+"sv, {"BigTIFF", nullptr, "tiff"}},
+    Magic{8, "WEBP"sv, {"WebP", nullptr, "webp"}},
+    Magic{0, "BM"sv, {"BMP", whole<decode_bmp>}},
 };
 
 bool starts_with(std::string_view head, const Magic& magic) {
@@ -63,7 +72,7 @@ std::optional<FileKind> file_kind(std::span<const std::byte> head) {
         }
     }
     if (looks_like_targa(text)) {
-        return FileKind{nullptr, "Targa", &decode_targa};
+        return FileKind{"Targa", whole<decode_targa>};
     }
     return std::nullopt;
 }

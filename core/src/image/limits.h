@@ -1,5 +1,6 @@
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 
 namespace raykiln {
@@ -14,6 +15,15 @@ inline constexpr int max_image_channels = 1024;
 /// limits.
 void check_image_size(std::int64_t width, std::int64_t height,
                       std::int64_t bytes_per_pixel);
+
+/// The same for an image to be written as `kind`, with 1 to `max_image_channels`
+/// channels.
+void check_size_to_write(const char* kind, int width, int height, std::size_t channels);
+
+/// Throws ImageError unless tiles of `tile_width` x `tile_height` pixels suit such an
+/// image: a decoder allocates whole tiles, which a hostile file makes far larger than it.
+void check_tile_size(std::int64_t tile_width, std::int64_t tile_height,
+                     std::int64_t width, std::int64_t height, std::int64_t channels);
 
 /// Throws ImageError if no accepted coding could hold `image_bytes` of pixels in
 /// `file_bytes`: a broken or hostile header, which would cost memory and time to

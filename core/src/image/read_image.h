@@ -12,7 +12,7 @@ namespace raykiln {
 enum class ChannelChoice { colour, all };
 
 /// Read the first image of a file, which is recognised by its first bytes, not by its
-/// name.
+/// name, and must be of a kind that has a decoder here (`FileKind::decode`).
 ///
 /// 8 and 16 bit integers stay what they are; every other type becomes f32.  Values and
 /// orientation are as stored: no transfer function is undone; 8 and 16 bit colour is not

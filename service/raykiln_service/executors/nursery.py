@@ -21,6 +21,7 @@ from raykiln_service.executors.zygote import MAX_MESSAGE
 _ZYGOTE = "raykiln_service.executors.zygote"
 _PRELOADED = (
     "raykiln._image",
+    "raykiln._oiio",
     "raykiln.image",
     "raykiln_service.executors.child",
     "raykiln_service.executors.check",
