@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import json
 import re
+import subprocess
+import time
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -16,7 +18,7 @@ from raykiln.image import read_exr_layers, read_image
 from raykiln_service.client import AsyncClient, Client
 from raykiln_service.commands.frames import numbered, parse_times
 
-from .support import BOX, Run, write_scene
+from .support import BOX, COMMAND, Run, write_scene
 from .test_remote import Service, serve, stop
 
 SMALL = ("--size", "16x12", "--spp", "2", "--quiet")
@@ -68,6 +70,41 @@ def test_options_of_the_turntable(raykiln: Run, tmp_path: Path) -> None:
     assert len(seen) == 7
 
 
+def test_an_interrupted_turntable_goes_on_with_the_same_bits(
+    raykiln: Run, scene: Path, tmp_path: Path
+) -> None:
+    """What is finished is kept, what was under way goes on, what is damaged is made anew."""
+    line = ["render", str(scene), "--turntable", "3", "--size", "128x96", "--spp", "600"]
+    kept = ["--checkpoint", "turn.ckpt", "--checkpoint-interval", "0.05"]
+    assert raykiln(*line, "-o", "whole.exr", "-q").code == 0
+    child = subprocess.Popen([*COMMAND, *line, "-o", "a.exr", *kept, "-q"], cwd=tmp_path)
+    while not (tmp_path / "turn.0002.ckpt").exists():
+        assert child.poll() is None
+        time.sleep(0.005)
+    child.kill()
+    child.wait()
+    first = tmp_path / "a.0001.exr"
+    written = first.stat().st_mtime_ns
+    ran = raykiln(*line, "-o", "a.exr", *kept, "--resume")
+    assert ran.code == 0
+    assert f"{scene} 1/3 is finished, and kept" in ran.err
+    assert len(re.findall("^rendered", ran.out, re.MULTILINE)) == 2
+    assert first.stat().st_mtime_ns == written
+    for number in (1, 2, 3):
+        a, b = (tmp_path / f"{name}.000{number}.exr" for name in ("a", "whole"))
+        assert a.read_bytes() == b.read_bytes()
+    assert names_in(tmp_path, "turn*") == ["turn.ckpt"]
+    # Once more: only what is not as it was left.
+    first.write_bytes(b"damaged")
+    (tmp_path / "a.0003.exr").unlink()
+    again = raykiln(*line, "-o", "a.exr", *kept, "--resume")
+    assert len(re.findall("^rendered", again.out, re.MULTILINE)) == 2
+    assert first.read_bytes() == (tmp_path / "whole.0001.exr").read_bytes()
+    # Another wish makes other images.
+    other = raykiln(*line, "-o", "a.exr", *kept, "--resume", "--half")
+    assert len(re.findall("^rendered", other.out, re.MULTILINE)) == 3
+
+
 def test_all_cameras_with_statistics(raykiln: Run, scene: Path, tmp_path: Path) -> None:
     ran = raykiln("render", scene, "--all-cameras", "--size", "16x12", "--spp", 2,
                   "--vary-seed", "-o", "c.exr", "--stats", "s.json")  # fmt: skip
@@ -90,7 +127,8 @@ def test_all_cameras_with_statistics(raykiln: Run, scene: Path, tmp_path: Path) 
         (("--turntable", "3", "--axis", "w"), "--axis: "),
         (("--turntable", "3", "--target", "1,2"), "--target: "),
         (("--turntable", "3", "--elevation", "90"), "--elevation: "),
-        (("--turntable", "3", "--checkpoint", "c"), "--checkpoint: "),
+        (("--turntable", "3", "--resume"), "--resume: "),
+        (("--turntable", "3", "--checkpoint", "ball.json", "--resume"), "--checkpoint: "),
         (("--degrees", "3"), "--degrees: "),
         (("--vary-seed",), "--vary-seed: "),
         (("--times", "0:1"), "--times: "),

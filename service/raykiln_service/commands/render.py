@@ -19,6 +19,7 @@ from raykiln_service.commands.console import (
     print_warnings,
     usage_error,
 )
+from raykiln_service.commands.frame_log import FrameLog, identity_of
 from raykiln_service.commands.frames import FrameOptions, Picture, numbered, pictures
 from raykiln_service.commands.options import (
     RenderOptions,
@@ -102,13 +103,14 @@ def render(
     check_interval(checkpoint_interval)
     settings = _settings(options, settings_json)
     request = frames.request()
+    log = None
     if request is not None and checkpoint is not None:
-        raise usage_error("--checkpoint", "goes with one image only")
+        log = FrameLog(checkpoint, resume=resume)
     loaded = load(scene, base_dir)
     job = _Job(
         scene,
         _Files(targets, stats, exposure, view, half),
-        _Keeping(checkpoint, resume, checkpoint_interval),
+        _Keeping(checkpoint, resume, checkpoint_interval, log),
         quiet=quiet,
         progress_json=progress_json,
         to_say=[] if quiet else list(loaded.warnings),
@@ -140,6 +142,10 @@ class _Files:
     view: str
     half: bool
 
+    def how(self) -> dict[str, Any]:
+        """What decides the bytes of the files, besides the image."""
+        return {"exposure": self.exposure, "view": self.view, "half": self.half}
+
 
 @dataclass(frozen=True)
 class _Keeping:
@@ -148,6 +154,8 @@ class _Keeping:
     checkpoint: Path | None
     resume: bool
     interval_s: float
+    log: FrameLog | None
+    """Which of many pictures are finished."""
 
 
 @dataclass
@@ -163,9 +171,23 @@ class _Job:
     said: set[str] = field(default_factory=set)
 
     def render(self, picture: Picture, label: str, stop: Stop) -> None:
-        """Render one picture and write it."""
+        """Render one picture and write it, unless that was done before."""
         import raykiln
 
+        checkpoint = self.keeping.checkpoint
+        files = self.files
+        targets = [numbered(path, picture.name) for path in files.targets]
+        stats = None if files.stats is None else numbered(files.stats, picture.name)
+        written = [*targets, *([stats] if stats else [])]
+        log, scene, identity = self.keeping.log, picture.scene, ""
+        if log is not None and picture.name is not None and checkpoint is not None:
+            checkpoint = numbered(checkpoint, picture.name)
+            if isinstance(scene, raykiln.Scene):
+                scene = raykiln.prepare(scene)
+            identity = identity_of(scene, picture.settings, files.how())
+            if self.keeping.resume and log.is_finished(picture.name, identity, written):
+                self._say_kept(label)
+                return
         with reporter(label, quiet=self.quiet, as_json=self.progress_json) as shown:
 
             def on_progress(progress: raykiln.Progress) -> bool:
@@ -175,18 +197,15 @@ class _Job:
                 return not stop.requested
 
             result = raykiln.render(
-                picture.scene,
+                scene,
                 picture.settings,
                 on_progress,
-                checkpoint=self.keeping.checkpoint,
+                checkpoint=checkpoint,
                 resume=self.keeping.resume,
                 checkpoint_interval_s=self.keeping.interval_s,
             )
             if not self.quiet:
                 self._warn(result.warnings)
-            files = self.files
-            targets = [numbered(path, picture.name) for path in files.targets]
-            stats = None if files.stats is None else numbered(files.stats, picture.name)
             _write(
                 result,
                 targets,
@@ -195,8 +214,17 @@ class _Job:
                 view=files.view,
                 half=files.half,
             )
+        if log is not None and picture.name is not None and result.complete:
+            log.note(picture.name, identity, written)
+            if checkpoint is not None:
+                checkpoint.unlink(missing_ok=True)
         if not self.quiet:
-            _summarise(result, [*targets, *([stats] if stats else [])])
+            _summarise(result, written)
+
+    def _say_kept(self, label: str) -> None:
+        self._warn(self.to_say)
+        if not self.quiet:
+            print_note(f"{label} is finished, and kept")
 
     def _warn(self, warnings: list[str]) -> None:
         print_warnings([text for text in warnings if text not in self.said])
