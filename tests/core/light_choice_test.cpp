@@ -257,5 +257,61 @@ TEST(LightChoice, LightsOfMirroredInstancesKeepTheirSide) {
     EXPECT_EQ(scene.instance_light_offset[0][0], 0u);
 }
 
+/// Lights of a square (corners in order) with its fourth corner moved off by (off, off),
+/// cut along one diagonal or the other, and of a triangle behind it.
+Scene square(float off, bool other_diagonal, bool textured, float uv_off) {
+    Scene scene;
+    scene.textures.emplace_back(CheckerTexture{});
+    Emission emission{ColorSlot{{1, 1, 1}}, false};
+    emission.radiance.texture = textured ? 0 : no_texture;
+    scene.emissions.push_back(emission);
+    test::Triangles t;
+    t.positions = {{0, 0, 1}, {1, 0, 1}, {1 + off, 1 + off, 1}, {0, 1, 1}, {5, 0, 0}};
+    t.uvs = {{0, 0}, {1, 0}, {1 + uv_off, 1}, {0, 1}, {0, 0}};
+    if (other_diagonal) {
+        t.faces = {{1, 2, 3}, {0, 1, 3}, {0, 1, 4}};
+    } else {
+        t.faces = {{0, 1, 2}, {2, 3, 0}, {0, 1, 4}};
+    }
+    scene.groups[0].meshes.push_back(test::make_mesh(t));
+    scene.groups[0].meshes[0].emission = 0;
+    prepare_lights(scene);
+    return scene;
+}
+
+TEST(SurfaceLights, TwoTrianglesOfAParallelogramAreOneLight) {
+    using Indices = std::vector<std::uint32_t>;
+    const Indices joined{0, 0, 1}, apart{0, 1, 2};
+    for (const bool other_diagonal : {false, true}) {
+        for (const bool textured : {false, true}) {
+            const Scene scene = square(0, other_diagonal, textured, 0);
+            EXPECT_EQ(scene.surface_lights, joined);
+            const auto& half = std::get<ParallelogramLight>(scene.lights[0]).half;
+            EXPECT_NEAR(half.area, 0.5f, 1e-6f);
+            EXPECT_NEAR(half.normal.z, 1.0f, 1e-6f);
+        }
+    }
+    EXPECT_EQ(square(1e-3f, false, false, 0).surface_lights, apart);
+    EXPECT_EQ(square(0, false, true, 0.1f).surface_lights, apart);
+    // Where nothing is looked up, texture coordinates do not matter.
+    EXPECT_EQ(square(0, false, false, 0.1f).surface_lights, joined);
+}
+
+TEST(SurfaceLights, TextureOfAParallelogramIsWhereItsTrianglesHaveIt) {
+    Scene scene = square(0, true, true, 0);
+    auto& checker = std::get<CheckerTexture>(scene.textures[0]);
+    checker.color0 = Vec3f(1.0f);
+    checker.color1 = Vec3f(5.0f);
+    Rng rng(151);
+    for (int i = 0; i < 10000; ++i) {
+        const LightSample s =
+            sample_light(scene, scene.lights[0], {0.3f, 0.2f, 3}, rng.unit(), rng.unit());
+        const float x = s.point.x, y = s.point.y;
+        if (std::fabs(x - 0.5f) > 1e-3f && std::fabs(y - 0.5f) > 1e-3f) {
+            ASSERT_EQ(s.radiance.x, (x < 0.5f) == (y < 0.5f) ? 1.0f : 5.0f);
+        }
+    }
+}
+
 }  // namespace
 }  // namespace raykiln

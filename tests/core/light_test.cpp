@@ -86,6 +86,32 @@ TEST(TriangleLight, DirectionsFollowTheDensity) {
     }
 }
 
+/// The same triangle twice, the second time turned round.
+ParallelogramLight parallelogram_light() {
+    return {triangle_light()};
+}
+TriangleLight other_half(const ParallelogramLight& l) {
+    TriangleLight t = l.half;
+    t.p0 = l.half.p0 + l.half.edge1 + l.half.edge2;
+    t.edge1 = -l.half.edge1;
+    t.edge2 = -l.half.edge2;
+    return t;
+}
+
+TEST(ParallelogramLight, DirectionsFollowTheDensity) {
+    const ParallelogramLight l = parallelogram_light();
+    const TriangleLight other = other_half(l);
+    const Vec3f points[] = {{0, 0, 0.2f}, {0.9f, 0.5f, 0.1f}, {0.2f, 0.1f, 1.5f}};
+    for (const Vec3f& p : points) {
+        const auto pdf = [&](const Vec3f& d) {
+            const float distance =
+                max(distance_to(l.half, p, d), distance_to(other, p, d));
+            return distance > 0.0f ? pdf_light(l, p, d, distance) : 0.0f;
+        };
+        expect_density(l, p, pdf, as_is, 112);
+    }
+}
+
 TEST(SphereLight, DirectionsFollowTheDensity) {
     const SphereLight s{{0.3f, -0.2f, 0.5f}, 0.8f, false, 1};
     // From outside far and near, and from within off the centre.
@@ -307,6 +333,32 @@ TEST(SurfaceLight, IrradianceOfASphere) {
     EXPECT_GT(
         irradiance(around, {0, 0, 0}, {0, 0, 1}, 122).p_value_of_mean(1.5 * test::tau),
         0.01);
+}
+
+TEST(SurfaceLight, ParallelogramIsItsTriangles) {
+    const ParallelogramLight l = parallelogram_light();
+    const Vec3f points[] = {{0, 0, -1}, {2, 1, 0.3f}, {400, -300, -900}};
+    for (const Vec3f& p : points) {
+        const Vec3f toward = normalize(l.half.p0 - p);
+        Light lights[] = {l, l.half, other_half(l)};
+        test::Moments e[3];
+        for (std::uint64_t i = 0; i < 3; ++i) {
+            std::visit(
+                [](auto& light) {
+                    if constexpr (std::is_same_v<std::decay_t<decltype(light)>,
+                                                 ParallelogramLight>) {
+                        light.half.emission = 1;
+                    } else if constexpr (std::is_same_v<std::decay_t<decltype(light)>,
+                                                        TriangleLight>) {
+                        light.emission = 1;
+                    }
+                },
+                lights[i]);
+            e[i] = irradiance(lights[i], p, toward, 130 + i);
+        }
+        const double parts = e[1].mean() + e[2].mean();
+        EXPECT_NEAR(e[0].mean() / parts, 1.0, 3e-3) << p.x;
+    }
 }
 
 TEST(SurfaceLight, IrradianceOfATriangle) {

@@ -45,7 +45,7 @@ std::uint32_t light_of(const Scene& scene, const Hit& hit) {
                               ? scene.light_offset
                               : scene.instance_light_offset[hit.instance];
     const std::uint32_t first = offsets[hit.geometry];
-    return first == no_index ? no_index : first + hit.primitive;
+    return first == no_index ? no_index : scene.surface_lights[first + hit.primitive];
 }
 
 Surface make_surface(const Scene& scene, const Hit& hit, const Ray& ray) {

@@ -1,5 +1,8 @@
 #include "light/light.h"
 
+#include <cmath>
+#include <optional>
+
 #include "light/sample_light.h"
 
 namespace raykiln {
@@ -30,6 +33,9 @@ struct Sample {
     }
     LightSample operator()(const TriangleLight& l) const {
         return sample_triangle_light(scene, l, p, u, v);
+    }
+    LightSample operator()(const ParallelogramLight& l) const {
+        return sample_parallelogram_light(scene, l.half, p, u, v);
     }
     LightSample operator()(const SphereLight& l) const {
         return sample_sphere_light(scene, l, p, u, v);
@@ -66,6 +72,12 @@ struct BoundsOf {
         b.bounds.add(l.p0 + l.edge2);
         return b;
     }
+    LightBounds operator()(const ParallelogramLight& l) const {
+        LightBounds b = (*this)(l.half);
+        b.power *= 2.0f;
+        b.bounds.add(l.half.p0 + l.half.edge1 + l.half.edge2);
+        return b;
+    }
     LightBounds operator()(const SphereLight& l) const {
         const float area = 4.0f * pi * sqr(l.radius);
         LightBounds b{{}, surface_power(l.emission, area), {0, 0, 1}, -1.0f, 0.0f, false};
@@ -91,53 +103,123 @@ bool is_infinite(const Light& light) {
 
 /// A third vertex order where the map from the group mirrors, so that the normal stays
 /// outside.
+TriangleLight triangle_light(const Mesh& mesh, const Transform& world_from_group,
+                             std::uint32_t triangle) {
+    const bool flip = mesh.flip_normals != (world_from_group.determinant() < 0.0f);
+    const std::uint32_t* v = mesh.indices + 3 * static_cast<std::size_t>(triangle);
+    TriangleLight light;
+    light.p0 = world_from_group.point(mesh.position(v[0]));
+    light.edge1 = world_from_group.point(mesh.position(v[1])) - light.p0;
+    light.edge2 = world_from_group.point(mesh.position(v[2])) - light.p0;
+    const Vec3f normal = cross(light.edge1, light.edge2);
+    const float twice_area = length(normal);
+    light.area = 0.5f * twice_area;
+    light.normal = twice_area > 0.0f ? normal / twice_area : Vec3f(0, 0, 1);
+    if (flip) {
+        light.normal = -light.normal;
+    }
+    if (mesh.uvs != nullptr) {
+        light.uv0 = mesh.uv(v[0]);
+        light.uv1 = mesh.uv(v[1]);
+        light.uv2 = mesh.uv(v[2]);
+    } else {
+        light.uv0 = {0, 0};
+        light.uv1 = {1, 0};
+        light.uv2 = {0, 1};
+    }
+    light.emission = mesh.emission;
+    return light;
+}
+
+/// The same triangle from its next corner on.
+TriangleLight turned(const TriangleLight& t) {
+    TriangleLight next = t;
+    next.p0 = t.p0 + t.edge1;
+    next.edge1 = t.edge2 - t.edge1;
+    next.edge2 = -t.edge1;
+    next.uv0 = t.uv1;
+    next.uv1 = t.uv2;
+    next.uv2 = t.uv0;
+    return next;
+}
+
+/// Whether b is a, reflected at the middle of the edge that faces a's first corner: its
+/// corners are those of a's other two and the fourth of the parallelogram, to rounding.
+bool complete_each_other(const TriangleLight& a, const TriangleLight& b, bool textured) {
+    const float size = max_abs(a.p0) + max_abs(a.edge1) + max_abs(a.edge2);
+    const float near = 1e-6f * size;
+    const Vec3f fourth = a.p0 + a.edge1 + a.edge2;
+    if (max_abs(b.p0 - fourth) > near || max_abs(b.edge1 + a.edge1) > near ||
+        max_abs(b.edge2 + a.edge2) > near || dot(a.normal, b.normal) < 0.999f) {
+        return false;
+    }
+    const auto follows = [&](float a0, float a1, float a2, float b0, float b1, float b2) {
+        const float off =
+            std::fabs(b0 - (a1 + a2 - a0)) + std::fabs(b1 - a2) + std::fabs(b2 - a1);
+        return off <= 1e-5f * (std::fabs(a0) + std::fabs(a1) + std::fabs(a2) + 1.0f);
+    };
+    return !textured || (follows(a.uv0.x, a.uv1.x, a.uv2.x, b.uv0.x, b.uv1.x, b.uv2.x) &&
+                         follows(a.uv0.y, a.uv1.y, a.uv2.y, b.uv0.y, b.uv1.y, b.uv2.y));
+}
+
+/// The light of two triangles that make a parallelogram, if they do.
+std::optional<ParallelogramLight> parallelogram(TriangleLight a, TriangleLight b,
+                                                bool textured) {
+    if (!(a.area > 0.0f)) {
+        return std::nullopt;
+    }
+    for (int i = 0; i < 3; ++i, a = turned(a)) {
+        for (int k = 0; k < 3; ++k, b = turned(b)) {
+            if (complete_each_other(a, b, textured)) {
+                return ParallelogramLight{a};
+            }
+        }
+    }
+    return std::nullopt;
+}
+
 void add_triangle_lights(Scene& scene, const Mesh& mesh,
                          const Transform& world_from_group) {
-    const bool flip = mesh.flip_normals != (world_from_group.determinant() < 0.0f);
+    const bool textured = scene.emissions[mesh.emission].radiance.texture != no_texture;
     for (std::uint32_t t = 0; t < mesh.triangle_count; ++t) {
-        const std::uint32_t* v = mesh.indices + 3 * static_cast<std::size_t>(t);
-        TriangleLight light;
-        light.p0 = world_from_group.point(mesh.position(v[0]));
-        light.edge1 = world_from_group.point(mesh.position(v[1])) - light.p0;
-        light.edge2 = world_from_group.point(mesh.position(v[2])) - light.p0;
-        const Vec3f normal = cross(light.edge1, light.edge2);
-        const float twice_area = length(normal);
-        light.area = 0.5f * twice_area;
-        light.normal = twice_area > 0.0f ? normal / twice_area : Vec3f(0, 0, 1);
-        if (flip) {
-            light.normal = -light.normal;
+        const auto light = static_cast<std::uint32_t>(scene.lights.size());
+        const TriangleLight one = triangle_light(mesh, world_from_group, t);
+        scene.surface_lights.push_back(light);
+        // Squares and boxes have their two triangles one after the other.
+        if (t + 1 < mesh.triangle_count) {
+            const auto both = parallelogram(
+                one, triangle_light(mesh, world_from_group, t + 1), textured);
+            if (both) {
+                scene.lights.emplace_back(*both);
+                scene.surface_lights.push_back(light);
+                ++t;
+                continue;
+            }
         }
-        if (mesh.uvs != nullptr) {
-            light.uv0 = mesh.uv(v[0]);
-            light.uv1 = mesh.uv(v[1]);
-            light.uv2 = mesh.uv(v[2]);
-        } else {
-            light.uv0 = {0, 0};
-            light.uv1 = {1, 0};
-            light.uv2 = {0, 1};
-        }
-        light.emission = mesh.emission;
-        scene.lights.emplace_back(light);
+        scene.lights.emplace_back(one);
     }
 }
 
-/// Adds the lights of a group placed once; returns the first light of each geometry.
+/// Adds the lights of a group placed once; returns where each geometry begins in
+/// `surface_lights`.
 std::vector<std::uint32_t> add_surface_lights(Scene& scene, const Group& group,
                                               const Transform& world_from_group) {
     std::vector<std::uint32_t> offsets;
     for (const Mesh& mesh : group.meshes) {
-        const auto first = static_cast<std::uint32_t>(scene.lights.size());
+        const auto first = static_cast<std::uint32_t>(scene.surface_lights.size());
         offsets.push_back(mesh.emission == no_index ? no_index : first);
         if (mesh.emission != no_index) {
             add_triangle_lights(scene, mesh, world_from_group);
         }
     }
     for (const Sphere& sphere : group.spheres) {
-        const auto first = static_cast<std::uint32_t>(scene.lights.size());
+        const auto first = static_cast<std::uint32_t>(scene.surface_lights.size());
         offsets.push_back(sphere.emission == no_index ? no_index : first);
         if (sphere.emission != no_index) {
             // Emissive spheres are only placed by similarities (raykiln/compile.py sees
             // to it).
+            scene.surface_lights.push_back(
+                static_cast<std::uint32_t>(scene.lights.size()));
             const float scale = std::cbrt(std::fabs(world_from_group.determinant()));
             scene.lights.emplace_back(
                 SphereLight{world_from_group.point(sphere.center), sphere.radius * scale,
@@ -159,6 +241,9 @@ float pdf_light(const Light& light, const Vec3f& p, const Vec3f& direction,
     if (const auto* t = std::get_if<TriangleLight>(&light)) {
         return pdf_triangle_light(*t, p, direction, distance);
     }
+    if (const auto* q = std::get_if<ParallelogramLight>(&light)) {
+        return pdf_parallelogram_light(q->half, p, direction, distance);
+    }
     if (const auto* s = std::get_if<SphereLight>(&light)) {
         return pdf_sphere_light(s->center, s->radius, p, direction, distance);
     }
@@ -176,12 +261,14 @@ LightTable tabulate(const std::vector<Light>& lights) {
     for (std::uint32_t i = 0; i < lights.size(); ++i) {
         table.kind.push_back(static_cast<std::uint32_t>(lights[i].index()));
         std::visit(
-            Overloaded{[&](const PointLight& l) { add(table.points, l); },
-                       [&](const SpotLight& l) { add(table.spots, l); },
-                       [&](const DirectionalLight& l) { add(table.directionals, l); },
-                       [&](const EnvironmentLight&) { add(table.environments, i); },
-                       [&](const TriangleLight& l) { add(table.triangles, l); },
-                       [&](const SphereLight& l) { add(table.spheres, l); }},
+            Overloaded{
+                [&](const PointLight& l) { add(table.points, l); },
+                [&](const SpotLight& l) { add(table.spots, l); },
+                [&](const DirectionalLight& l) { add(table.directionals, l); },
+                [&](const EnvironmentLight&) { add(table.environments, i); },
+                [&](const TriangleLight& l) { add(table.triangles, l); },
+                [&](const SphereLight& l) { add(table.spheres, l); },
+                [&](const ParallelogramLight& l) { add(table.parallelograms, l); }},
             lights[i]);
     }
     return table;

@@ -60,12 +60,12 @@ LightSample sample_light(const Scene& scene, const Light& light, const Vec3f& p,
                          float v);
 
 /// Density over solid angle with which `sample_light` finds the point hit by a ray from
-/// `p` in unit `direction`, `distance` away, on an emissive triangle or sphere.
+/// `p` in unit `direction`, `distance` away, on a light of the scene's surfaces.
 float pdf_light(const Light& light, const Vec3f& p, const Vec3f& direction,
                 float distance);
 
-/// Makes a light of each emissive triangle and sphere, and the tables to choose lights by
-/// power.
+/// Makes lights of emissive triangles (one of two that make a parallelogram) and spheres,
+/// and the tables to choose lights by power.
 void prepare_lights(Scene& scene);
 
 }  // namespace raykiln

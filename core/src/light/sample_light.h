@@ -1,67 +1,15 @@
 #pragma once
 
-#include <cstddef>
-
 #include "light/environment.h"
+#include "light/flat_light.h"
 #include "light/light.h"
 #include "math/gather.h"
 #include "math/ray.h"
-#include "sampling/spherical.h"
 #include "sampling/warp.h"
-#include "texture/texture.h"
 
 // How each kind of light is sampled, and the density of finding a point on it otherwise.
 
 namespace raykiln {
-
-template <class F>
-inline LightSampleOf<F> select(Mask<F> mask, const LightSampleOf<F>& a,
-                               const LightSampleOf<F>& b) {
-    return {select(mask, a.direction, b.direction),
-            select(mask, a.point, b.point),
-            select(mask, a.infinite, b.infinite),
-            select(mask, a.radiance, b.radiance),
-            select(mask, a.pdf_solid_angle, b.pdf_solid_angle),
-            select(mask, a.delta, b.delta)};
-}
-
-/// No light: radiance and density 0.
-template <class F>
-inline LightSampleOf<F> no_light_sample() {
-    const Vec3<F> zero(F(0.0f));
-    return {
-        {F(0.0f), F(0.0f), F(1.0f)}, zero, Mask<F>(false), zero, F(0.0f), Mask<F>(false)};
-}
-
-/// Radiance of a surface emission at a texture coordinate; `front`: seen from its
-/// normal's side.
-template <class F>
-inline Vec3<F> emitted_radiance(const Scene& scene, Uint<F> emission, const Vec2<F>& uv,
-                                Mask<F> front) {
-    if constexpr (std::is_same_v<F, float>) {
-        const Emission& e = scene.emissions[emission];
-        return front || e.two_sided != 0 ? evaluate(e.radiance, scene.textures, uv)
-                                         : Vec3f(0.0f);
-    } else {
-        using U = Uint<F>;
-        const Emission* table = scene.emissions.data();
-        static_assert(offsetof(Emission, radiance.texture) == 3 * sizeof(float));
-        const auto row = gather_row<F, 4>(table, emission);
-        const auto seen =
-            front | (gather_member<F>(table, &Emission::two_sided, emission) != U(0u));
-        Vec3<F> radiance{row[0], row[1], row[2]};
-        // A few textures at most: each in turn, for the lanes that have it.
-        auto left = seen & (as_uint(row[3]) != U(static_cast<std::uint32_t>(no_texture)));
-        while (any(left)) {
-            const std::uint32_t index = emission.lane(std::countr_zero(bits(left)));
-            const auto same = left & (emission == U(index));
-            radiance = select(same, evaluate(table[index].radiance, scene.textures, uv),
-                              radiance);
-            left = left & !same;
-        }
-        return select(seen, radiance, Vec3<F>(F(0.0f)));
-    }
-}
 
 template <class F>
 inline LightSampleOf<F> sample_toward_point(const Vec3<F>& p, const Vec3<F>& position,
@@ -109,60 +57,6 @@ inline LightSampleOf<F> sample_environment_light(const Scene& scene,
         {d, Vec3<F>(F(0.0f)), Mask<F>(true),
          environment_radiance(light, scene.textures, d), pdf, Mask<F>(false)},
         no_light_sample<F>());
-}
-
-/// Uniform over the solid angle, where that can be sampled precisely; over the area
-/// elsewhere.
-template <class F>
-inline LightSampleOf<F> sample_triangle_light(const Scene& scene,
-                                              const TriangleLightOf<F>& light,
-                                              const Vec3<F>& p, F u, F v) {
-    Vec2<F> b = sample_triangle(u, v);
-    const Vec3<F> to_corner = light.p0 - p;
-    const SphericalTriangle<F> seen =
-        make_spherical_triangle(to_corner, light.edge1, light.edge2);
-    const auto by_angle = can_sample(seen);
-    if (any(by_angle)) {
-        const Vec2<F> at = place_in_triangle(sample_spherical_triangle(seen, u, v),
-                                             to_corner, light.edge1, light.edge2);
-        b.x = select(by_angle, at.x, b.x);
-        b.y = select(by_angle, at.y, b.y);
-    }
-    const Vec3<F> point = light.p0 + light.edge1 * b.x + light.edge2 * b.y;
-    const Vec3<F> d = point - p;
-    const F distance2 = length_squared(d);
-    const auto apart = distance2 > F(0.0f);
-    const F safe = select(apart, distance2, F(1.0f));
-    const Vec3<F> direction = d / sqrt(safe);
-    const F cosine = F(0.0f) - dot(direction, light.normal);
-    const auto valid = apart & (cosine != F(0.0f));
-    const Vec2<F> uv{light.uv0.x + (light.uv1.x - light.uv0.x) * b.x +
-                         (light.uv2.x - light.uv0.x) * b.y,
-                     light.uv0.y + (light.uv1.y - light.uv0.y) * b.x +
-                         (light.uv2.y - light.uv0.y) * b.y};
-    const F size = max_abs(light.p0) + max_abs(light.edge1) + max_abs(light.edge2);
-    const F pdf = select(by_angle, F(1.0f) / seen.solid_angle,
-                         pdf_solid_angle_of_area(F(1.0f) / light.area, safe,
-                                                 select(valid, abs(cosine), F(1.0f))));
-    return select<F>(
-        valid,
-        {direction, offset_origin(point, light.normal, -direction, position_error(size)),
-         Mask<F>(false), emitted_radiance<F>(scene, light.emission, uv, cosine > F(0.0f)),
-         pdf, Mask<F>(false)},
-        no_light_sample<F>());
-}
-
-template <class F>
-inline F pdf_triangle_light(const TriangleLightOf<F>& light, const Vec3<F>& p,
-                            const Vec3<F>& direction, F distance) {
-    const F cosine = abs(dot(direction, light.normal));
-    const auto facing = cosine > F(0.0f);
-    const F by_area = pdf_solid_angle_of_area(F(1.0f) / light.area, sqr(distance),
-                                              select(facing, cosine, F(1.0f)));
-    const SphericalTriangle<F> seen =
-        make_spherical_triangle(light.p0 - p, light.edge1, light.edge2);
-    const F pdf = select(can_sample(seen), F(1.0f) / seen.solid_angle, by_area);
-    return select(facing, pdf, F(0.0f));
 }
 
 namespace detail {
@@ -240,10 +134,12 @@ inline F pdf_sphere_light(const Vec3<F>& center, F radius, const Vec3<F>& p,
     return select(within, select(seen, pdf_within, F(0.0f)), pdf_outside);
 }
 
-/// An emissive triangle a lane, with the first of its texture coordinates.
-template <class F>
-inline TriangleLightOf<F> triangle_light_at(const LightTable& table, Uint<F> slot) {
-    const auto row = gather_row<F, 16>(table.triangles.data(), slot);
+/// An emissive triangle (or half a parallelogram) a lane, with the first of its texture
+/// coordinates.
+template <class F, class T>
+inline TriangleLightOf<F> flat_light_at(const std::vector<T>& lights, Uint<F> slot) {
+    static_assert(sizeof(T) == sizeof(TriangleLight));
+    const auto row = gather_row<F, 16>(lights.data(), slot);
     return {{row[0], row[1], row[2]},
             {row[3], row[4], row[5]},
             {row[6], row[7], row[8]},
@@ -253,6 +149,15 @@ inline TriangleLightOf<F> triangle_light_at(const LightTable& table, Uint<F> slo
             {row[14], row[15]},
             {},
             {}};
+}
+/// With all of them.
+template <class F, class T>
+inline TriangleLightOf<F> textured_light_at(const std::vector<T>& lights, Uint<F> slot) {
+    TriangleLightOf<F> light = flat_light_at<F>(lights, slot);
+    const auto uvs = gather_row<F, 4>(lights.data(), slot, 16);
+    light.uv1 = {uvs[0], uvs[1]};
+    light.uv2 = {uvs[2], uvs[3]};
+    return light;
 }
 
 /// An emissive sphere a lane.
@@ -281,11 +186,12 @@ inline LightSampleOf<F> sample_light(const Scene& scene, Uint<F> light, Mask<F> 
         }
     };
     each(4, [&](U i) {
-        TriangleLightOf<F> l = triangle_light_at<F>(table, i);
-        const auto uvs = gather_row<F, 4>(table.triangles.data(), i, 16);
-        l.uv1 = {uvs[0], uvs[1]};
-        l.uv2 = {uvs[2], uvs[3]};
-        return sample_triangle_light(scene, l, p, u, v);
+        return sample_triangle_light(scene, textured_light_at<F>(table.triangles, i), p,
+                                     u, v);
+    });
+    each(6, [&](U i) {
+        return sample_parallelogram_light(
+            scene, textured_light_at<F>(table.parallelograms, i), p, u, v);
     });
     each(5, [&](U i) {
         return sample_sphere_light(scene, sphere_light_at<F>(table, i), p, u, v);
@@ -324,7 +230,7 @@ inline LightSampleOf<F> sample_light(const Scene& scene, Uint<F> light, Mask<F> 
 }
 
 /// Density over solid angle with which `sample_light` finds the points hit by rays from
-/// `p` in unit `direction`, `distance` away, on emissive triangles and spheres.
+/// `p` in unit `direction`, `distance` away, on lights of surfaces.
 template <class F>
 inline F pdf_light(const Scene& scene, Uint<F> light, Mask<F> wanted, const Vec3<F>& p,
                    const Vec3<F>& direction, F distance) {
@@ -336,8 +242,16 @@ inline F pdf_light(const Scene& scene, Uint<F> light, Mask<F> wanted, const Vec3
     F pdf(0.0f);
     const auto on_triangle = wanted & (kind == U(4u));
     if (any(on_triangle)) {
-        const auto l = triangle_light_at<F>(table, select(on_triangle, slots, U(0u)));
+        const auto l =
+            flat_light_at<F>(table.triangles, select(on_triangle, slots, U(0u)));
         pdf = select(on_triangle, pdf_triangle_light(l, p, direction, distance), pdf);
+    }
+    const auto on_parallelogram = wanted & (kind == U(6u));
+    if (any(on_parallelogram)) {
+        const auto l = flat_light_at<F>(table.parallelograms,
+                                        select(on_parallelogram, slots, U(0u)));
+        pdf = select(on_parallelogram, pdf_parallelogram_light(l, p, direction, distance),
+                     pdf);
     }
     const auto on_sphere = wanted & (kind == U(5u));
     if (any(on_sphere)) {

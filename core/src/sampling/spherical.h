@@ -96,6 +96,17 @@ inline Vec2<F> place_in_triangle(const Vec3<F>& direction, const Vec3<F>& p0,
     return {x, clamp(dot(cross(edge1, q), n) * scale, F(0.0f), F(1.0f) - x)};
 }
 
+/// The same over a parallelogram: up to 1 along each of its edges.
+template <class F>
+inline Vec2<F> place_in_parallelogram(const Vec3<F>& direction, const Vec3<F>& p0,
+                                      const Vec3<F>& edge1, const Vec3<F>& edge2) {
+    const Vec3<F> n = cross(edge1, edge2);
+    const Vec3<F> q = direction * (dot(p0, n) / dot(direction, n)) - p0;
+    const F scale = F(1.0f) / length_squared(n);
+    return {clamp(dot(cross(q, edge2), n) * scale, F(0.0f), F(1.0f)),
+            clamp(dot(cross(edge1, q), n) * scale, F(0.0f), F(1.0f))};
+}
+
 /// The (u, v) that `sample_spherical_triangle` maps to a unit direction in the triangle.
 template <class F>
 inline Vec2<F> invert_spherical_triangle(const SphericalTriangle<F>& t,

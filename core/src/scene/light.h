@@ -55,6 +55,12 @@ struct TriangleLightOf {
 };
 using TriangleLight = TriangleLightOf<float>;
 
+/// Two triangles of an emissive mesh that make a parallelogram: `half`, whose area is
+/// half of it, and its reflection at the middle of the edge that they share.
+struct ParallelogramLight {
+    TriangleLight half;
+};
+
 template <class F>
 struct SphereLightOf {
     Vec3<F> center;
@@ -68,7 +74,7 @@ using SphereLight = SphereLightOf<float>;
 // To add a kind: a struct here, its sampling in light/, its cases in light/light.cpp and
 // light/sample_light.h.
 using Light = std::variant<PointLight, SpotLight, DirectionalLight, EnvironmentLight,
-                           TriangleLight, SphereLight>;
+                           TriangleLight, SphereLight, ParallelogramLight>;
 
 /// The lights again, kind by kind, for code that looks at many at once. `kind` is the
 /// place in the variant, `slot` the one among those of the kind.
@@ -80,6 +86,7 @@ struct LightTable {
     std::vector<std::uint32_t> environments;  ///< index into Scene::lights
     std::vector<TriangleLight> triangles;
     std::vector<SphereLight> spheres;
+    std::vector<ParallelogramLight> parallelograms;
 };
 
 }  // namespace raykiln

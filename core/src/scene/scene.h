@@ -20,7 +20,7 @@ struct Scene {
     std::vector<Group> groups{1};  ///< group 0 lies in world space
     std::vector<Instance> instances;
     std::vector<Light>
-        lights;  ///< given ones first, then one for each emissive triangle, sphere
+        lights;  ///< given ones first, then those of emissive triangles, spheres
 
     // Made by prepare_lights.
     LightTree
@@ -30,9 +30,11 @@ struct Scene {
     std::vector<std::uint32_t>
         far_lights;          ///< beyond the scene: environments, directional
     float far_share = 0.0f;  ///< probability of choosing among those
-    /// First light of a geometry of group 0: `light_offset[geometry]`; of one in an
-    /// instance: `instance_light_offset[instance][geometry]`; no_index where it does not
-    /// emit.
+    /// The light that each emissive triangle or sphere belongs to.
+    std::vector<std::uint32_t> surface_lights;
+    /// Where those of a geometry begin: in group 0 at `light_offset[geometry]`, in an
+    /// instance at `instance_light_offset[instance][geometry]`; no_index where it does
+    /// not emit.
     std::vector<std::uint32_t> light_offset;
     std::vector<std::vector<std::uint32_t>> instance_light_offset;
     Bounds bounds;
