@@ -128,15 +128,17 @@ def test_ascii_and_binary_agree(tmp_path: Path) -> None:
     assert np.array_equal(a.vertices, b.vertices)
 
 
-def test_a_file_of_triangles_is_not_copied_twice(tmp_path: Path) -> None:
-    """Positions that stand alone are a view of what was read."""
+@pytest.mark.parametrize(("vertices", "faces", "is_view"), [(1000, 1, True), (4, 1000, False)])
+def test_a_file_of_triangles_is_neither_copied_nor_kept_in_vain(
+    tmp_path: Path, vertices: int, faces: int, is_view: bool
+) -> None:
+    """Positions are a view of what was read, unless that would keep the faces' bytes, too."""
     path = tmp_path / "a.ply"
-    path.write_bytes(ply_bytes(SQUARE, [[0, 1, 2]]))
-    scene = load(path)
-    (mesh,) = scene.shapes
-    assert isinstance(mesh, Mesh)
-    assert mesh.vertices is not None
-    assert mesh.vertices.base is not None
+    points = np.arange(3 * vertices, dtype=np.float32).reshape(-1, 3)
+    path.write_bytes(ply_bytes(points, [[0, 1, 2]] * faces))
+    mesh = read_mesh(path)
+    np.testing.assert_array_equal(mesh.vertices, points)
+    assert (mesh.vertices.base is not None) == is_view
 
 
 def test_a_header_of_any_length_can_be_rendered(tmp_path: Path) -> None:

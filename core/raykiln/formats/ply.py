@@ -68,7 +68,14 @@ def read_mesh(path: Path) -> MeshData:
         tables = _tables(body, 0, elements, "<", ascii_numbers=True)
     else:
         tables = _tables(data, start, elements, encoding, ascii_numbers=False)
-    return _mesh(elements, tables)
+    mesh = _mesh(elements, tables)
+    mesh.vertices = _released(mesh.vertices, len(data))
+    return mesh
+
+
+def _released(array: Array, file_bytes: int) -> Array:
+    """The array, copied where a view of it would keep much more of the file in memory."""
+    return array.copy() if array.base is not None and 2 * array.nbytes < file_bytes else array
 
 
 def _header(data: bytes) -> tuple[str, list[Element], int]:

@@ -35,7 +35,10 @@ _ALWAYS_FLOAT = {"depth", "position", "uv", "variance"}
 _LAYER_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,99}")
 _METADATA_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_:.-]{0,78}")
 # Names that say how the file is coded, which the caller does not decide.
-_CODING_NAMES = {"compression", "datetime", "channels", "chromaticities", "software", "version"}
+_CODING_NAMES = {
+    *("compression", "datetime", "channels", "chromaticities", "software", "version"),
+    *("type", "tiles", "lineorder", "chunkcount", "datawindow", "displaywindow"),
+}
 # What the reader tells about the file in general rather than what a writer put there.
 _READER_NAMES = re.compile(
     r"oiio:.*|openexr:.*|compression|PixelAspectRatio|screenWindow.*|chromaticities|type|name"
