@@ -118,14 +118,20 @@ def test_what_a_submitted_job_may_take(remote: Run) -> None:
         assert job.model_extra["memory_bytes"] == 3 << 29
         assert job.error is not None
         assert job.error["reason"] == "timeout"
-    again = remote("retry", job.id, "--json").json
-    assert (again["id"], again["state"]) == (job.id, "queued")
-    assert remote("delete", job.id).error.startswith(f"job {job.id} is ")
-    remote("cancel", job.id)
-    while remote("status", job.id, "--json").json["state"] != "cancelled":
-        time.sleep(0.05)
-    assert remote("delete", job.id) == Ran(0, "", "")
-    assert remote("status", job.id).code == 2
+
+
+def test_a_job_is_retried_and_deleted(remote: Run, service: Service, long_job: str) -> None:
+    assert remote("retry", long_job).error.startswith(f"job {long_job}: a job that is ")
+    assert remote("delete", long_job).error.startswith(f"job {long_job} is ")
+    assert remote("cancel", long_job).code == 0
+    assert wait_for_state(service, long_job, "cancelled") == "cancelled"
+    again = remote("retry", long_job, "--json").json
+    assert (again["id"], again["state"]) == (long_job, "queued")
+    assert remote("cancel", long_job).code == 0
+    assert wait_for_state(service, long_job, "cancelled") == "cancelled"
+    done = remote("submit", "cornell_box", *SMALL, "--wait", "--json").json["id"]
+    assert remote("delete", done) == Ran(0, "", "")
+    assert remote("status", done).code == 2
 
 
 @pytest.mark.parametrize(

@@ -77,6 +77,8 @@ def postgres() -> Iterator[str]:
             )
 
         options = f"-c listen_addresses=127.0.0.1 -p {port} -c unix_socket_directories={folder}"
+        # No test pulls the plug of this server.
+        options += " -c fsync=off -c full_page_writes=off"
         run("initdb", "-A", "trust", "--no-sync", "-U", "postgres")
         run("pg_ctl", "-w", "-l", str(folder / "log"), "-o", options, "start")
         yield f"postgresql+psycopg://postgres@127.0.0.1:{port}"

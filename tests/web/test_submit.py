@@ -240,3 +240,61 @@ def test_what_is_in_the_cache_can_be_rendered_anew(tab: Any, service: Service) -
         page.wait_for_selector(".badge.succeeded")
         assert service.jobs()[0]["cached"] is not anew
         assert ("from the cache" in page.inner_text(".how .note")) is not anew
+
+
+def large_scene(path: Path, megabytes: int = 10) -> Path:
+    """A scene of one triangle and a long story."""
+    line = "# " + "x" * 1021 + "\n"
+    path.write_text(line * (megabytes << 10) + "v -1 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    return path
+
+
+def test_a_large_file_goes_in_pieces_and_bears_a_broken_connection(
+    tab: Any, service: Service, tmp_path: Path
+) -> None:
+    page = tab(f"{service.url}/#/new")
+    offsets: list[str | None] = []
+
+    def break_the_second(route: Any) -> None:
+        if route.request.method == "PATCH":
+            offsets.append(route.request.headers.get("upload-offset"))
+            if len(offsets) == 2:
+                route.abort("connectionreset")
+                return
+        route.continue_()
+
+    page.route("**/v1/uploads/**", break_the_second)
+    page.set_input_files("input[type=file] >> nth=0", large_scene(tmp_path / "large.obj"))
+    fill_quick(page)
+    job = submitted(page, service)
+    assert job["scene"]["entry"] == "large.obj"
+    piece = 4 << 20
+    assert offsets == ["0", str(piece), str(piece), str(2 * piece)]
+
+
+def test_a_large_file_that_is_picked_again_goes_on(
+    tab: Any, service: Service, tmp_path: Path
+) -> None:
+    page = tab(f"{service.url}/#/new")
+    scene = large_scene(tmp_path / "again.obj", 13)
+    offsets: list[str | None] = []
+
+    def let_one_through(route: Any) -> None:
+        if route.request.method == "PATCH":
+            offsets.append(route.request.headers.get("upload-offset"))
+            if len(offsets) == 2:
+                return  # Never answered: the person reloads the page.
+        route.continue_()
+
+    page.route("**/v1/uploads/**", let_one_through)
+    page.set_input_files("input[type=file] >> nth=0", scene)
+    fill_quick(page)
+    page.click(RENDER)
+    # The browser is heard only while it is asked something.
+    until(lambda: page.title() and len(offsets) == 2)
+    page.reload()
+    page.set_input_files("input[type=file] >> nth=0", scene)
+    fill_quick(page)
+    assert submitted(page, service)["scene"]["entry"] == "again.obj"
+    # What had arrived was not sent again.
+    assert offsets.count("0") == 1

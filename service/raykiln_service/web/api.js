@@ -88,28 +88,34 @@ export async function postJson(path, body, headers = {}) {
   return (await call(path, options)).json();
 }
 
-/** Upload a file or blob; `onProgress` gets the fraction that is sent. */
+/** Upload a small file or blob in one call; `onProgress` gets the fraction that is sent. */
 export async function upload(blob, filename, onProgress, signal) {
   const path = `/v1/assets?filename=${encodeURIComponent(filename)}`;
   // Makes sure of the token before much is sent.
   if (!hasToken()) await call("/v1/version", { signal });
+  const headers = { "Content-Type": "application/octet-stream" };
+  return parsed((await send("POST", path, headers, blob, onProgress, signal)).responseText);
+}
+
+/** Send a body, with the token, and tell how much of it is sent; the answered request. */
+export function send(method, path, headers, body, onProgress, signal) {
   return new Promise((resolve, reject) => {
     const request = new XMLHttpRequest();
-    request.open("POST", path);
+    request.open(method, path);
     if (token) request.setRequestHeader("Authorization", `Bearer ${token}`);
-    request.setRequestHeader("Content-Type", "application/octet-stream");
+    for (const [name, value] of Object.entries(headers)) request.setRequestHeader(name, value);
     request.upload.addEventListener("progress", (event) => {
       if (event.lengthComputable) onProgress(event.loaded / event.total);
     });
     request.addEventListener("load", () => {
-      const document = parsed(request.responseText);
-      if (request.status < 300) resolve(document);
-      else reject(new Problem({ title: `HTTP ${request.status}`, status: request.status, ...document }));
+      if (request.status < 300) return resolve(request);
+      const title = `HTTP ${request.status}`;
+      return reject(new Problem({ title, status: request.status, ...parsed(request.responseText) }));
     });
     request.addEventListener("error", () => reject(new Unreachable()));
     request.addEventListener("abort", () => reject(new DOMException("Stopped", "AbortError")));
     signal?.addEventListener("abort", () => request.abort());
-    request.send(blob);
+    request.send(body);
   });
 }
 

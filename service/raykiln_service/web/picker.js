@@ -1,6 +1,7 @@
 // Which scene to render: files of one's own, a bundled scene, or that of an earlier job.
 
 import { getJson, upload } from "./api.js";
+import { LARGE_BYTES, uploadInPieces } from "./uploads.js";
 import { bundleOf, filesOfDrop, filesOfInput } from "./bundle.js";
 import { h, setText } from "./dom.js";
 import { bytes, percent, sceneName } from "./format.js";
@@ -118,7 +119,9 @@ export class ScenePicker {
   async #send(own, signal) {
     this.#sending.hidden = false;
     try {
-      return await upload(await own.blob(), own.name, (fraction) => {
+      const blob = await own.blob();
+      const way = blob.size > LARGE_BYTES ? uploadInPieces : upload;
+      return await way(blob, own.name, (fraction) => {
         this.#sending.value = fraction;
         this.#sending.setAttribute("aria-valuetext", percent(fraction));
       }, signal);
