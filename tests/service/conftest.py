@@ -14,6 +14,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -85,36 +86,67 @@ def postgres() -> Iterator[str]:
         run("pg_ctl", "-w", "-m", "immediate", "stop")
 
 
-@pytest.fixture
-def postgres_url(postgres: str) -> Iterator[str]:
-    """The URL of an empty PostgreSQL database."""
+@contextmanager
+def _postgres_database(postgres: str, template: str = "template1") -> Iterator[str]:
     name = f"test_{secrets.token_hex(6)}"
     server = sa.create_engine(f"{postgres}/postgres", isolation_level="AUTOCOMMIT")
     with server.connect() as connection:
-        connection.execute(sa.text(f"CREATE DATABASE {name}"))
+        connection.execute(sa.text(f"CREATE DATABASE {name} TEMPLATE {template}"))
     yield f"{postgres}/{name}"
     with server.connect() as connection:
         connection.execute(sa.text(f"DROP DATABASE {name} WITH (FORCE)"))
     server.dispose()
 
 
+@pytest.fixture
+def postgres_url(postgres: str) -> Iterator[str]:
+    """The URL of an empty PostgreSQL database."""
+    with _postgres_database(postgres) as url:
+        yield url
+
+
+@pytest.fixture(scope="session")
+def postgres_template(postgres: str) -> Iterator[str]:
+    """The name of a PostgreSQL database with all tables, to be copied."""
+    with _postgres_database(postgres) as url:
+        _migrate(url)
+        yield url.rpartition("/")[2]
+
+
+@pytest.fixture(scope="session")
+def sqlite_template(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An SQLite file with all tables, to be copied."""
+    path = tmp_path_factory.mktemp("template") / "jobs.db"
+    _migrate(Database.sqlite_url(path))
+    # All is in the one file that is copied.
+    assert not path.with_name("jobs.db-wal").exists()
+    return path
+
+
+def _migrate(url: str) -> None:
+    database = Database(url)
+    database.migrate()
+    database.close()
+
+
 @pytest.fixture(params=["sqlite", "postgresql"])
 def store(request: pytest.FixtureRequest, tmp_path: Path, clock: Clock) -> Iterator[Store]:
     """An empty store in a new database, of each kind."""
     if request.param == "sqlite":
-        database = Database(Database.sqlite_url(tmp_path / "jobs.db"))
-    else:
-        database = Database(request.getfixturevalue("postgres_url"))
-    database.migrate()
-    yield Store(database, clock=clock)
-    database.close()
+        yield request.getfixturevalue("sqlite_store")
+        return
+    postgres = request.getfixturevalue("postgres")
+    with _postgres_database(postgres, request.getfixturevalue("postgres_template")) as url:
+        database = Database(url)
+        yield Store(database, clock=clock)
+        database.close()
 
 
 @pytest.fixture
-def sqlite_store(tmp_path: Path, clock: Clock) -> Iterator[Store]:
+def sqlite_store(sqlite_template: Path, tmp_path: Path, clock: Clock) -> Iterator[Store]:
     """An empty store in a new SQLite database."""
+    shutil.copy(sqlite_template, tmp_path / "jobs.db")
     database = Database(Database.sqlite_url(tmp_path / "jobs.db"))
-    database.migrate()
     yield Store(database, clock=clock)
     database.close()
 
