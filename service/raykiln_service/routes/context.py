@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 from fastapi import Depends, Request, Response
 from fastapi.responses import FileResponse
 
 from raykiln_service.assets import AssetStore
-from raykiln_service.errors import MalformedRequestError, MediaTypeError, NotFoundError
+from raykiln_service.errors import (
+    InvalidRequestError,
+    MalformedRequestError,
+    MediaTypeError,
+    NotFoundError,
+)
 from raykiln_service.events import EventHub
 from raykiln_service.jobs import Job, JobState
 from raykiln_service.metrics import Metrics
@@ -27,6 +33,7 @@ from raykiln_service.store import Store
 from raykiln_service.submission import Submissions
 from raykiln_service.uploads import Uploads
 
+State = TypeVar("State", bound=StrEnum)
 _ETAG = re.compile(r'(?:W/)?("[^"]*")')
 ERRORS: dict[int | str, dict[str, Any]] = {
     "4XX": {
@@ -113,6 +120,30 @@ async def read_json(request: Request) -> Any:
     except ValueError as error:
         raise MalformedRequestError(f"the body is not JSON: {error}") from None
     return value
+
+
+def states_of(kind: type[State], values: Sequence[str]) -> list[State]:
+    """The states that a query names, several with commas or several times."""
+    names = [name for value in values for name in value.split(",") if name]
+    try:
+        return [kind(name) for name in names]
+    except ValueError:
+        raise InvalidRequestError(
+            "there is no such state",
+            pointer="?state",
+            found=", ".join(names)[:200],
+            accepted=", ".join(kind),
+        ) from None
+
+
+def bad_cursor(cursor: str) -> InvalidRequestError:
+    """The error for a cursor that no page has given."""
+    return InvalidRequestError(
+        "this is no cursor",
+        pointer="?cursor",
+        found=cursor[:100],
+        accepted="the next_cursor of an earlier page",
+    )
 
 
 def matches(request: Request, etag: str) -> bool:

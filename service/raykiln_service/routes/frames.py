@@ -10,9 +10,16 @@ from fastapi.responses import StreamingResponse
 from raykiln.image import View
 
 from raykiln_service.archive import archive_of, entries_of, tag_of
-from raykiln_service.errors import InvalidRequestError, NotFoundError
+from raykiln_service.errors import NotFoundError
 from raykiln_service.jobs import FrameState, Job
-from raykiln_service.routes.context import ERRORS, Context, InContext, matches
+from raykiln_service.routes.context import (
+    ERRORS,
+    Context,
+    InContext,
+    bad_cursor,
+    matches,
+    states_of,
+)
 from raykiln_service.routes.outputs import LOG_NAME, reply_with
 from raykiln_service.schemas_frames import FramePageView, FrameView, frame_view
 from raykiln_service.units import FrameRecord
@@ -35,9 +42,9 @@ def list_frames(
     `state` (repeatable, or comma-separated) filters; `next_cursor` of a page asks for the next.
     """
     job = context.store.job(job_id)
-    after = 0 if cursor is None else _number(cursor, "?cursor")
+    after = 0 if cursor is None else _number(cursor)
     records = context.store.frames(
-        job_id, states=_states(state or []), after=after, limit=limit + 1
+        job_id, states=states_of(FrameState, state or []), after=after, limit=limit + 1
     )
     page, more = records[:limit], len(records) > limit
     rendering = _rendering(context, job)
@@ -110,25 +117,7 @@ def _rendering(context: Context, job: Job) -> int | None:
     return known.get("frame")
 
 
-def _number(text: str, pointer: str) -> int:
-    if not _NUMBER.fullmatch(text):
-        raise InvalidRequestError(
-            "this is no cursor",
-            pointer=pointer,
-            found=text[:100],
-            accepted="the next_cursor of an earlier page",
-        )
-    return int(text)
-
-
-def _states(values: list[str]) -> list[FrameState]:
-    names = [name for value in values for name in value.split(",") if name]
-    try:
-        return [FrameState(name) for name in names]
-    except ValueError:
-        raise InvalidRequestError(
-            "there is no such state",
-            pointer="?state",
-            found=", ".join(names)[:200],
-            accepted=", ".join(FrameState),
-        ) from None
+def _number(cursor: str) -> int:
+    if not _NUMBER.fullmatch(cursor):
+        raise bad_cursor(cursor)
+    return int(cursor)

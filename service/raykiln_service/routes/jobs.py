@@ -21,7 +21,14 @@ from raykiln_service.jobs import Job, JobState
 from raykiln_service.logs import get_logger
 from raykiln_service.replies import Reply
 from raykiln_service.routes.access import InCaller
-from raykiln_service.routes.context import ERRORS, Context, InContext, read_json
+from raykiln_service.routes.context import (
+    ERRORS,
+    Context,
+    InContext,
+    bad_cursor,
+    read_json,
+    states_of,
+)
 from raykiln_service.schemas import JobPageView, JobRequest, JobView
 
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"], responses=ERRORS)
@@ -119,7 +126,7 @@ def list_jobs(
     filter; `next_cursor` of a page asks for the next one.
     """
     jobs = context.store.list_jobs(
-        states=_states(state or []),
+        states=states_of(JobState, state or []),
         labels=_labels(label or []),
         limit=limit + 1,
         before_seq=None if cursor is None else _seq_of(cursor),
@@ -184,19 +191,6 @@ def _check_key(key: str | None) -> None:
         )
 
 
-def _states(values: list[str]) -> list[JobState]:
-    names = [name for value in values for name in value.split(",") if name]
-    try:
-        return [JobState(name) for name in names]
-    except ValueError:
-        raise InvalidRequestError(
-            "there is no such state",
-            pointer="?state",
-            found=", ".join(names)[:200],
-            accepted=", ".join(JobState),
-        ) from None
-
-
 def _labels(values: list[str]) -> dict[str, str | None]:
     labels: dict[str, str | None] = {}
     for value in values:
@@ -216,12 +210,7 @@ def _seq_of(cursor: str) -> int:
     except (binascii.Error, ValueError):
         number = None
     if number is None:
-        raise InvalidRequestError(
-            "this is no cursor",
-            pointer="?cursor",
-            found=cursor[:100],
-            accepted="the next_cursor of an earlier page",
-        )
+        raise bad_cursor(cursor)
     return int(number.group(1))
 
 
