@@ -12,6 +12,8 @@ from typing import Annotated, Any, TypeVar
 
 from fastapi import Depends, Request, Response
 from fastapi.responses import FileResponse
+from starlette.datastructures import Headers
+from starlette.types import Message, Receive, Scope, Send
 
 from raykiln_service.assets import AssetStore
 from raykiln_service.errors import (
@@ -19,6 +21,7 @@ from raykiln_service.errors import (
     MalformedRequestError,
     MediaTypeError,
     NotFoundError,
+    error_of_status,
 )
 from raykiln_service.events import EventHub
 from raykiln_service.jobs import Job, JobState
@@ -34,6 +37,7 @@ from raykiln_service.submission import Submissions
 from raykiln_service.uploads import Uploads
 
 State = TypeVar("State", bound=StrEnum)
+_SIZE = "content-range"
 _ETAG = re.compile(r'(?:W/)?("[^"]*")')
 ERRORS: dict[int | str, dict[str, Any]] = {
     "4XX": {
@@ -164,4 +168,18 @@ def file_reply(
     headers = {"ETag": etag, "Cache-Control": "no-cache" if fresh else "private, max-age=3600"}
     if matches(request, etag):
         return Response(status_code=304, headers=headers)
-    return FileResponse(path, media_type=media_type, headers=headers, stat_result=stat)
+    return _File(path, media_type=media_type, headers=headers, stat_result=stat)
+
+
+class _File(FileResponse):
+    """A file whose refusals of a range are problems, as all refusals are."""
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        async def checked(message: Message) -> None:
+            if message["type"] == "http.response.start" and message["status"] in (400, 416):
+                size = {k: v for k, v in Headers(raw=message["headers"]).items() if k == _SIZE}
+                detail = "the range is not in the file" if size else "this is no range of bytes"
+                raise error_of_status(message["status"], detail, size)
+            await send(message)
+
+        await super().__call__(scope, receive, checked)

@@ -204,6 +204,19 @@ def test_problems_of_every_kind(guarded: Any) -> None:
         problem(httpx.get(f"{guarded.url}/v1/jobs", headers=twice), 401)
 
 
+def test_a_range_that_is_none_is_a_problem(server: Any, ball: dict[str, Any]) -> None:
+    job = server.submit(scene={"inline": ball}, settings={"width": 16, "height": 16, "spp": 1})
+    server.wait_for_end(job["id"])
+    path = f"/v1/jobs/{job['id']}/outputs/image.exr"
+    with server.client() as client:
+        size = len(client.get(path).content)
+        beyond = client.get(path, headers={"Range": f"bytes={size}-"})
+        problem(beyond, 416)
+        assert beyond.headers["Content-Range"] == f"bytes */{size}"
+        problem(client.get(path, headers={"Range": "bytes=b-a"}), 400)
+        assert client.get(path, headers={"Range": "bytes=0-3"}).status_code == 206
+
+
 def test_a_broken_database_is_a_problem_and_no_traceback(serve: Any) -> None:
     server = serve()
     with server.client() as client, sqlite3.connect(server.data_dir / "raykiln.db") as database:
