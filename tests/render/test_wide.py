@@ -71,7 +71,12 @@ def test_few_triangles_need_no_hierarchy() -> None:
 @pytest.mark.parametrize("integrator", ["path", "direct"])
 def test_wide_paths_follow_the_settings(integrator: str, sampler: str) -> None:
     scene = bit_scene()
-    settings = {"integrator": integrator, "sampler": sampler, "filter": "gaussian", "seed": 7}
+    settings: dict[str, Any] = {
+        "integrator": integrator,
+        "sampler": sampler,
+        "filter": "gaussian",
+        "seed": 7,
+    }
     wide, _ = render(scene, reference=False, **settings)
     reference, _ = render(scene, reference=True, **settings)
     assert_same_to_rounding(wide, reference)
