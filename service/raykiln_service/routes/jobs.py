@@ -195,6 +195,13 @@ def _labels(values: list[str]) -> dict[str, str | None]:
     labels: dict[str, str | None] = {}
     for value in values:
         name, equals, wanted = value.partition("=")
+        if not name:
+            raise InvalidRequestError(
+                "this is no label",
+                pointer="?label",
+                found=value[:200],
+                accepted="name=value, or a name for any value",
+            )
         labels[name] = wanted if equals else None
     return labels
 
