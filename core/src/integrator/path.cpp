@@ -1,4 +1,5 @@
 #include "integrator/context.h"
+#include "integrator/roulette.h"
 
 namespace raykiln {
 
@@ -47,8 +48,7 @@ Vec3f estimate_path(const Context& c, const Ray& camera_ray, FirstHit& first) {
 
         // Russian roulette: end paths that carry little, make up for it in the others.
         if (c.settings.rr_depth >= 0 && depth >= c.settings.rr_depth) {
-            const float survival =
-                min(sqrt(max_component(throughput)) * eta_scale, 0.95f);
+            const float survival = survival_probability(throughput, eta_scale);
             if (u[3] >= survival) {
                 return radiance;
             }

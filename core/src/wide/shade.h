@@ -2,6 +2,7 @@
 
 #include "bsdf/make_bsdf.h"
 #include "integrator/geometry.h"
+#include "integrator/roulette.h"
 #include "integrator/surface.h"
 #include "light/sample_light.h"
 #include "wide/planes.h"
@@ -306,7 +307,7 @@ inline void scatter_paths(const Vertex& at, const SurfacePoint<F>& s, const B& b
     // Russian roulette: end paths that carry little, make up for it in the others.
     const EstimatorSettings& e = at.b.estimator;
     if (e.rr_depth >= 0 && at.depth >= e.rr_depth) {
-        const F survival = min(sqrt(max_component(throughput)) * eta_scale, F(0.95f));
+        const F survival = survival_probability(throughput, eta_scale);
         alive = alive & (u[3] < survival);
         throughput *= F(1.0f) / survival;
     }
