@@ -271,7 +271,8 @@ def test_a_repeat_gets_the_reply_of_the_first(serve: Any, ball: dict[str, Any]) 
     def post(key: str, **headers: str) -> httpx.Response:
         headers = {"Idempotency-Key": key, **headers}
         with server.client() as client:
-            return client.post("/v1/jobs", json=body, headers=headers)
+            reply: httpx.Response = client.post("/v1/jobs", json=body, headers=headers)
+            return reply
 
     first, waited = post("stored"), post("waited", Prefer="wait=60")
     assert (first.status_code, waited.status_code) == (202, 200)
