@@ -15,9 +15,9 @@ _BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
 _ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-background-networking"]
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    """One browser for all tests."""
+    """One browser for a module's tests; while it is open, an event loop runs in this thread."""
     playwright = pytest.importorskip(
         "playwright.sync_api", reason="the browser driver is not installed"
     )
