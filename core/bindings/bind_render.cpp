@@ -52,6 +52,7 @@ RenderOptions options_of(const py::dict& d) {
     }
     o.reference = d.contains("reference") && d["reference"].cast<bool>();
     o.few_triangles = !d.contains("few_triangles") || d["few_triangles"].cast<bool>();
+    o.caustic_guide = !d.contains("caustic_guide") || d["caustic_guide"].cast<bool>();
     const int max_depth = d["max_depth"].cast<int>();
     o.estimator.max_depth = max_depth < 0 ? 1 << 30 : max_depth;
     o.estimator.rr_depth = d["rr_depth"].cast<int>();

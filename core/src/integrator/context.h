@@ -1,5 +1,6 @@
 #pragma once
 
+#include "guide/caustic_guide.h"
 #include "integrator/surface.h"
 #include "light/light.h"
 #include "sampling/sampler.h"
@@ -43,6 +44,7 @@ struct Context {
     const EstimatorSettings& settings;
     SampleKey<float> key;
     RayCounts& counts;
+    const CausticGuide* guide = nullptr;  ///< of path tracing, or null
 
     Sample4<float> draw(std::uint32_t group) const {
         return sample_4d(settings.sampler, key, group);
@@ -98,10 +100,11 @@ Vec3f escaped_radiance(const Context& c, const Vec3f& direction, const Origin& o
 Vec3f met_radiance(const Context& c, const Surface& s, const Vec3f& direction,
                    const Origin& origin);
 
-/// Light from one sampled light, reflected into dir_out, weighted against the BSDF's own
-/// sampling.
+/// Light from one sampled light, reflected into dir_out, weighted against the sampling of
+/// the BSDF, or of its mixture with the guide.
 Vec3f sample_direct_light(const Context& c, const Surface& s, const Bsdf& bsdf,
-                          const Vec3f& dir_out_local, int vertex);
+                          const Vec3f& dir_out_local, int vertex,
+                          const GuideAt<float>& guide = {});
 
 FirstHit first_hit_of(const Surface& s, const Bsdf& bsdf);
 

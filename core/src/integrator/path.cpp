@@ -1,11 +1,12 @@
 #include "integrator/context.h"
+#include "integrator/guided.h"
 #include "integrator/roulette.h"
 
 namespace raykiln {
 
 /// Unidirectional path tracing: next-event estimation and BSDF sampling at every vertex,
 /// joined by multiple importance sampling, with Russian roulette (Veach 1997, chapters 8
-/// to 10).
+/// to 10). Surfaces that scatter widely also look where focused light comes from.
 Vec3f estimate_path(const Context& c, const Ray& camera_ray, FirstHit& first) {
     Vec3f radiance;
     Vec3f throughput(1.0f);
@@ -31,13 +32,22 @@ Vec3f estimate_path(const Context& c, const Ray& camera_ray, FirstHit& first) {
 
         // Light that comes straight from a light, scattered here.
         const Vec3f dir_out = s.shading.to_local(-ray.direction);
+        GuideAt<float> guide;
         if (!is_specular(bsdf)) {
-            radiance += throughput * sample_direct_light(c, s, bsdf, dir_out, depth);
+            if (c.guide != nullptr) {
+                guide = c.guide->find(s.p, true);
+            }
+            radiance +=
+                throughput * sample_direct_light(c, s, bsdf, dir_out, depth, guide);
         }
 
-        // Go on in a direction that the material chooses.
+        // Go on in a direction that the material chooses, or the guide.
         const Sample4<float> u = c.draw(bsdf_group(depth));
-        const BsdfSample<float> next = sample(bsdf, dir_out, {u[2], u[0], u[1]});
+        const BsdfRandom<float> random{u[2], u[0], u[1]};
+        const BsdfSample<float> next =
+            guide.share > 0.0f
+                ? sample_guided(*c.guide, guide, bsdf, s.shading, dir_out, random)
+                : sample(bsdf, dir_out, random);
         throughput *= next.weight;
         if (max_component(throughput) <= 0.0f) {
             return radiance;

@@ -14,6 +14,7 @@
 #include <utility>
 
 #include "camera/camera.h"
+#include "integrator/photons.h"
 
 namespace raykiln {
 
@@ -21,6 +22,9 @@ namespace {
 
 constexpr int tile_size = 16;
 constexpr std::chrono::milliseconds poll_interval{20};
+/// Rays from lights that the guide learns from, and how many one task follows.
+constexpr std::size_t photon_rays = std::size_t{1} << 18;
+constexpr std::size_t photon_block = 4096;
 
 }  // namespace
 
@@ -85,6 +89,7 @@ bool Renderer::run_pass(const Poll& poll) {
     auto finished_pass = done.get_future();
     arena.enqueue([&] {
         try {
+            prepare_guide();
             tbb::parallel_for(
                 std::size_t{0}, tiles_.size(),
                 [&](std::size_t i) { render_tile(tiles_[i], end, workers.local()); },
@@ -119,6 +124,51 @@ bool Renderer::run_pass(const Poll& poll) {
         samples_done_ = end;
     }
     return wanted;
+}
+
+/// Learns where smooth surfaces focus light, once: from the whole scene, so that every
+/// part of an image has the same guide.
+void Renderer::prepare_guide() {
+    if (std::exchange(guide_prepared_, true) || !options_.caustic_guide ||
+        options_.estimator.integrator != IntegratorKind::path ||
+        options_.estimator.max_depth < 3) {
+        return;
+    }
+    const PhotonSource source(scene_);
+    if (source.empty()) {
+        return;
+    }
+    const auto key = [&](std::size_t i, std::uint32_t salt) {
+        return SampleKey<float>{hash_combine(hash_bits(options_.seed), salt),
+                                static_cast<std::uint32_t>(i)};
+    };
+    std::vector<Emitted> rays(photon_rays);
+    tbb::parallel_for(std::size_t{0}, photon_rays / photon_block, [&](std::size_t block) {
+        for (std::size_t i = block * photon_block; i < (block + 1) * photon_block; ++i) {
+            rays[i] = source.emit(key(i, 1));
+        }
+    });
+    const std::vector<std::uint32_t> chosen = equal_in_power(rays);
+    if (chosen.empty()) {
+        return;
+    }
+    std::vector<std::vector<Photon>> found(photon_rays / photon_block);
+    tbb::parallel_for(std::size_t{0}, found.size(), [&](std::size_t block) {
+        RayCounts counts;
+        for (std::size_t i = block * photon_block; i < (block + 1) * photon_block; ++i) {
+            const Context c{scene_, accel_, options_.estimator, key(i, 2), counts};
+            trace_photon(c, rays[chosen[i]].ray, found[block]);
+        }
+    });
+    std::vector<Photon> photons;
+    for (const auto& block : found) {
+        photons.insert(photons.end(), block.begin(), block.end());
+    }
+    guide_ = CausticGuide(std::move(photons),
+                          static_cast<float>(photon_rays) / source.area());
+    if (batch_scene_ && !guide_.empty()) {
+        batch_scene_->guide = &guide_;
+    }
 }
 
 void Renderer::render_tile(const Tile& tile, std::uint32_t end, Worker& worker) {
@@ -219,7 +269,8 @@ Vec3f Renderer::render_sample(int x, int y, std::uint32_t index, RayCounts& coun
                               FirstHit& first) {
     const SampleKey<float> key = sample_key(options_.seed, static_cast<std::uint32_t>(x),
                                             static_cast<std::uint32_t>(y), index);
-    const Context c{scene_, accel_, options_.estimator, key, counts};
+    const Context c{scene_, accel_, options_.estimator,
+                    key,    counts, guide_.empty() ? nullptr : &guide_};
     const Sample4<float> u = c.draw(camera_group);
     const float px = static_cast<float>(x) + 0.5f + filter_.offset(u[0]);
     const float py = static_cast<float>(y) + 0.5f + filter_.offset(u[1]);

@@ -25,6 +25,8 @@ struct RenderOptions {
     bool reference = false;
     /// Whether a scene of few triangles is traced without its hierarchies.
     bool few_triangles = true;
+    /// Whether light that smooth surfaces focus is looked for with a guide.
+    bool caustic_guide = true;
     Isa isa = process_isa();  ///< of the batches
 };
 
@@ -64,6 +66,7 @@ class Renderer {
         std::unique_ptr<BatchTracer> tracer;
         std::unique_ptr<Batch> batch;
     };
+    void prepare_guide();
     void render_tile(const Tile& tile, std::uint32_t end, Worker& worker);
     void render_tile_in_batches(const Tile& tile, std::uint32_t end, Worker& worker);
     void run_batch(Worker& worker);
@@ -78,6 +81,8 @@ class Renderer {
     Filter filter_;
     Film film_;
     std::unique_ptr<BatchScene> batch_scene_;  ///< null: path by path
+    CausticGuide guide_;
+    bool guide_prepared_ = false;
     std::vector<Tile> tiles_;
     RayCounts counts_;
     std::uint32_t samples_done_ = 0;

@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include "accel/few_triangles.h"
+#include "guide/caustic_guide.h"
 #include "integrator/context.h"
 #include "sampling/filter.h"
 #include "scene/camera.h"
@@ -26,6 +27,7 @@ struct BatchScene {
     bool first_hits;  ///< whether those are asked for
     ShapeList shapes;
     FewTriangles few_triangles;  ///< empty: the hierarchies of `accel` are used
+    const CausticGuide* guide = nullptr;  ///< null: there is none
 };
 
 /// Pixels of a batch and the sample numbers that each gets, and where the results are:

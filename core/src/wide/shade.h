@@ -2,6 +2,7 @@
 
 #include "bsdf/make_bsdf.h"
 #include "integrator/geometry.h"
+#include "integrator/guided.h"
 #include "integrator/roulette.h"
 #include "integrator/surface.h"
 #include "light/sample_light.h"
@@ -244,7 +245,8 @@ inline M may_scatter(const Diffuse<F>& bsdf) {
 template <class B>
 inline void sample_direct_light(const Vertex& at, const SurfacePoint<F>& s, const B& bsdf,
                                 const Vec3<F>& dir_out, const Vec3<F>& throughput,
-                                const LightReceiverOf<F>& receiver) {
+                                const LightReceiverOf<F>& receiver,
+                                const GuideAt<F>& guide) {
     if (!any(at.valid & may_scatter(bsdf))) {
         return;
     }
@@ -259,8 +261,12 @@ inline void sample_direct_light(const Vertex& at, const SurfacePoint<F>& s, cons
     wanted = wanted & (light.pdf_solid_angle > F(0.0f));
     const BsdfValue<F> f = evaluate(bsdf, dir_out, s.shading.to_local(light.direction));
     const F pdf = light.pdf_solid_angle * choice.pmf;
+    F pdf_bsdf = f.pdf_solid_angle;
+    if (at.b.guide != nullptr) {
+        pdf_bsdf = pdf_guided(*at.b.guide, guide, pdf_bsdf, light.direction);
+    }
     const F weight =
-        weight_of_light(at.b.estimator.strategy, light.delta, pdf, f.pdf_solid_angle);
+        weight_of_light(at.b.estimator.strategy, light.delta, pdf, pdf_bsdf);
     const Vec3<F> seen = f.value * light.radiance;
     wanted = wanted & (max_component(seen) > F(0.0f));
     const Vec3<F> origin = offset_origin(s.p, s.normal, light.direction, s.error);
@@ -294,13 +300,17 @@ inline void store_first_hit(const Vertex& at, const SurfacePoint<F>& s, const B&
     scatter(at.valid, at.batch.hit, at.slots, U(1u));
 }
 
-/// Goes on in a direction that the material chooses, or ends the path.
+/// Goes on in a direction that the material chooses, or the guide, or ends the path.
 template <class B>
 inline void scatter_paths(const Vertex& at, const SurfacePoint<F>& s, const B& bsdf,
                           const Vec3<F>& dir_out, Vec3<F> throughput,
-                          const LightReceiverOf<F>& receiver) {
+                          const LightReceiverOf<F>& receiver, const GuideAt<F>& guide) {
     const Sample4<F> u = at.draw(bsdf_group(at.depth));
-    const BsdfSample<F> next = sample(bsdf, dir_out, {u[2], u[0], u[1]});
+    const BsdfRandom<F> random{u[2], u[0], u[1]};
+    const BsdfSample<F> next =
+        at.b.guide != nullptr
+            ? sample_guided(*at.b.guide, guide, bsdf, s.shading, dir_out, random)
+            : sample(bsdf, dir_out, random);
     throughput *= next.weight;
     M alive = at.valid & (max_component(throughput) > F(0.0f));
     const F eta_scale = at.paths.eta_scale[at.slots] * next.eta;
@@ -357,10 +367,14 @@ inline void shade(const Vertex& at, const Material& material, const Kind& kind) 
     const Vec3<F> dir_out = s.shading.to_local(-direction);
     const LightReceiverOf<F> receiver{
         s.p, select(is_transmissive(bsdf), Vec3<F>(F(0.0f)), s.shading.n)};
+    GuideAt<F> guide;
     if (!is_specular(material) && !b.scene.lights.empty()) {
-        sample_direct_light(at, s, bsdf, dir_out, throughput, receiver);
+        if (b.guide != nullptr) {
+            guide = b.guide->find(s.p, at.valid);
+        }
+        sample_direct_light(at, s, bsdf, dir_out, throughput, receiver, guide);
     }
-    scatter_paths(at, s, bsdf, dir_out, throughput, receiver);
+    scatter_paths(at, s, bsdf, dir_out, throughput, receiver, guide);
 }
 
 }  // namespace RAYKILN_WIDE_NAMESPACE

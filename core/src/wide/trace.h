@@ -20,7 +20,8 @@ inline Context lane_context(const BatchScene& b, const Paths& paths, std::uint32
             b.accel,
             b.estimator,
             {paths.pixel_key.at[slot], paths.sample_index.at[slot]},
-            counts};
+            counts,
+            b.guide};
 }
 
 inline void set_hit(Paths& paths, std::uint32_t slot, const Hit& hit) {
