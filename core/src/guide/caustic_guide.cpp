@@ -1,22 +1,29 @@
 #include "guide/caustic_guide.h"
 
 #include <algorithm>
+#include <tuple>
 
 namespace raykiln {
 
 namespace {
 
 constexpr std::size_t photons_a_cell = 16;
-/// Half the share that goes to the guide at a point where it knows of strong light.
-constexpr float greatest_share = 0.5f;
-/// Of the lights' own irradiance: where light focused is as faint as this, the share is
-/// half of the greatest.
+/// A cell also knows some of the photons of the wider cell about it, for what its own few
+/// missed.
+constexpr std::size_t photons_around = 256;
+constexpr std::size_t lobes_around = 16;
+/// The share of the samples that goes to the guide where it knows of strong light.
+constexpr float greatest_share = 0.4f;
+/// Where focused light is as faint as this, against the lights' own irradiance, the share
+/// is half of that.
 constexpr float faint = 0.01f;
-constexpr float least_share = 0.01f;
 /// Lobes are no narrower than this: a quarter of a degree.
 constexpr float least_width = 1e-5f;
 
 float component(const Vec3f& v, std::uint32_t axis) {
+    return axis == 0 ? v.x : axis == 1 ? v.y : v.z;
+}
+float& component(Vec3f& v, std::uint32_t axis) {
     return axis == 0 ? v.x : axis == 1 ? v.y : v.z;
 }
 
@@ -28,19 +35,24 @@ CausticGuide::CausticGuide(std::vector<Photon> photons, float irradiance) :
     if (photons_.size() < photons_a_cell) {
         return;
     }
-    nodes_.emplace_back();
-    divide(0, 0, photons_.size());
-    for (const Cell& cell : cells_) {
-        bounds_.add(cell.low);
-        bounds_.add(cell.high);
+    for (const Photon& photon : photons_) {
+        bounds_.add(photon.p);
     }
+    const Vec3f margin(0.01f * max_component(bounds_.extent()));
+    bounds_.add(bounds_.low - margin);
+    bounds_.add(bounds_.high + margin);
+    nodes_.emplace_back();
+    divide(0, 0, photons_.size(), bounds_);
     photons_ = {};
+    around_ = {};
 }
 
 /// Halves the photons along the longest side of their bounds until few are left.
-void CausticGuide::divide(std::uint32_t node, std::size_t begin, std::size_t end) {
-    if (end - begin <= photons_a_cell) {
-        add_cell(node, begin, end);
+void CausticGuide::divide(std::uint32_t node, std::size_t begin, std::size_t end,
+                          const Bounds& region) {
+    const std::size_t count = end - begin;
+    if (count <= photons_a_cell) {
+        add_cell(node, begin, end, region);
         return;
     }
     Bounds bounds;
@@ -51,54 +63,63 @@ void CausticGuide::divide(std::uint32_t node, std::size_t begin, std::size_t end
     const std::uint32_t axis = extent.x >= max(extent.y, extent.z) ? 0
                                : extent.y >= extent.z              ? 1
                                                                    : 2;
-    const std::size_t middle = begin + (end - begin) / 2;
-    const auto first = photons_.begin();
-    const auto at = [&](std::size_t i) { return first + static_cast<std::ptrdiff_t>(i); };
-    // Stable, so that photons at one coordinate have one order on every machine.
-    std::stable_sort(at(begin), at(end), [&](const Photon& a, const Photon& b) {
-        return component(a.p, axis) < component(b.p, axis);
-    });
-    const float split = 0.5f * (component(photons_[middle - 1].p, axis) +
-                                component(photons_[middle].p, axis));
+    const std::size_t middle = begin + count / 2;
+    const auto at = [&](std::size_t i) {
+        return photons_.begin() + static_cast<std::ptrdiff_t>(i);
+    };
+    // A strict order of all that differ, so that the halves are the same on any machine.
+    std::nth_element(
+        at(begin), at(middle), at(end), [&](const Photon& a, const Photon& b) {
+            const auto key = [&](const Photon& p) {
+                return std::tuple(component(p.p, axis), p.p.x, p.p.y, p.p.z,
+                                  p.direction.x, p.direction.y, p.direction.z);
+            };
+            return key(a) < key(b);
+        });
+    if (count <= photons_around && count > photons_around / 2) {
+        around_.clear();
+        add_lobes(begin, end, (count + lobes_around - 1) / lobes_around, around_);
+    }
+    const float split = component(photons_[middle].p, axis);
     const auto child = static_cast<std::uint32_t>(nodes_.size());
     nodes_[node] = {split, axis, child};
     nodes_.resize(nodes_.size() + 2);
-    divide(child, begin, middle);
-    divide(child + 1, middle, end);
+    Bounds lower = region, upper = region;
+    component(lower.high, axis) = component(upper.low, axis) = split;
+    divide(child, begin, middle, lower);
+    divide(child + 1, middle, end, upper);
 }
 
-void CausticGuide::add_cell(std::uint32_t node, std::size_t begin, std::size_t end) {
-    const std::size_t count = end - begin;
-    Bounds bounds;
-    for (std::size_t i = begin; i < end; ++i) {
-        bounds.add(photons_[i].p);
-    }
-    // Half a photon's distance more on each side; the flat side gets some thickness.
-    const Vec3f extent = bounds.extent();
+void CausticGuide::add_cell(std::uint32_t node, std::size_t begin, std::size_t end,
+                            const Bounds& region) {
+    const Vec3f extent = region.extent();
     const float longest = max_component(extent);
-    const float middle = extent.x + extent.y + extent.z - longest -
-                         min(extent.x, min(extent.y, extent.z));
-    const float margin = 0.25f * longest;
-    bounds.add(bounds.low - Vec3f(margin));
-    bounds.add(bounds.high + Vec3f(margin));
+    const float least = min(extent.x, min(extent.y, extent.z));
+    const float area = longest * (extent.x + extent.y + extent.z - longest - least);
+    const float relative =
+        static_cast<float>(end - begin) / max(area * irradiance_, 1e-12f);
+    const auto first = static_cast<std::uint32_t>(lobes_.size());
+    add_lobes(begin, end, 1, lobes_);
+    lobes_.insert(lobes_.end(), around_.begin(), around_.end());
+    const auto lobes = static_cast<std::uint32_t>(lobes_.size()) - first;
+    nodes_[node] = {greatest_share * relative / (relative + faint), cell_axis,
+                    (first << count_bits) | lobes};
+}
 
-    const float area = max(longest * middle, 1e-12f);
-    const float relative = static_cast<float>(count) / (area * irradiance_);
-    const float share = greatest_share * relative / (relative + faint);
-    nodes_[node] = {0.0f, leaf_axis, static_cast<std::uint32_t>(cells_.size())};
-    cells_.push_back({bounds.low, share < least_share ? 0.0f : share, bounds.high,
-                      (static_cast<std::uint32_t>(lobes_.size()) << count_bits) |
-                          static_cast<std::uint32_t>(count)});
-    for (std::size_t i = begin; i < end; ++i) {
-        // As wide as it is far to the third neighbour.
-        std::vector<float> t;
-        for (std::size_t k = begin; k < end; ++k) {
+/// Lobes about every `step`-th photon, twice as wide as it is far to the third neighbour.
+void CausticGuide::add_lobes(std::size_t begin, std::size_t end, std::size_t step,
+                             std::vector<Lobe>& to) const {
+    std::vector<float> t;
+    for (std::size_t i = begin; i < end; i += step) {
+        t.clear();
+        for (std::size_t k = begin; k < end; k += step) {
             t.push_back(0.5f *
                         length_squared(photons_[i].direction - photons_[k].direction));
         }
-        const auto third = t.begin() + static_cast<std::ptrdiff_t>(std::min(count - 1, std::size_t{3}));
+        const auto third = t.begin() + static_cast<std::ptrdiff_t>(
+                                           std::min(t.size() - 1, std::size_t{3}));
         std::nth_element(t.begin(), third, t.end());
-        lobes_.push_back({photons_[i].direction, max(*third, least_width)});
+        to.push_back({photons_[i].direction, max(2.0f * *third, least_width)});
     }
 }
 

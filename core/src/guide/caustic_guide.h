@@ -22,14 +22,15 @@ struct GuideAt {
     F share{0.0f};                 ///< of the samples that should ask the guide
 };
 
-/// Directions from which focused light arrives, learned from photons: space is divided
-/// until each cell holds a few, and a cell's density is the mean of one lobe about each
-/// photon's direction. A lobe of width a has the density
+/// Directions from which focused light arrives, learned from photons (Jensen 1995,
+/// "Importance Driven Path Tracing using the Photon Map"): space is divided until each
+/// cell holds a few, and a cell's density is the mean of one lobe about the direction of
+/// each of them and of some from around it. A lobe of width a has the density
 ///
 ///     a (a + 2) / (4 pi (t + a)^2),  t = 1 - cos of the angle to the photon,
 ///
 /// over the whole sphere: half of it lies within about t = a, and its tails are long, as
-/// light that the lobes miss would be noise.
+/// light that the lobes miss is noise.
 class CausticGuide {
   public:
     CausticGuide() = default;
@@ -52,35 +53,36 @@ class CausticGuide {
     F pdf(const GuideAt<F>& at, const Vec3<F>& direction) const;
 
   private:
-    static constexpr std::uint32_t leaf_axis = 3;
-    /// Rows of words, as light/sample_light.h reads them.
+    static constexpr std::uint32_t cell_axis = 3;
+    /// A row of words. Where space is divided: at which coordinate, along which axis, and
+    /// the first of two neighbouring nodes. A cell: the share, and its first lobe above
+    /// their count.
     struct Node {
-        float split;
-        std::uint32_t axis;   // leaf_axis: a cell
-        std::uint32_t child;  // the first of two neighbours, or the cell's number
+        float split_or_share;
+        std::uint32_t axis;
+        std::uint32_t child_or_lobes;
         std::uint32_t unused = 0;
-    };
-    struct Cell {
-        Vec3f low;
-        float share;
-        Vec3f high;
-        std::uint32_t first_and_count;  // count in the low bits
     };
     struct Lobe {
         Vec3f direction;
         float width;
     };
-    static constexpr std::uint32_t count_bits = 6;
+    static constexpr std::uint32_t count_bits = 7;
 
-    void divide(std::uint32_t node, std::size_t begin, std::size_t end);
-    void add_cell(std::uint32_t node, std::size_t begin, std::size_t end);
+    void divide(std::uint32_t node, std::size_t begin, std::size_t end,
+                const Bounds& region);
+    void add_cell(std::uint32_t node, std::size_t begin, std::size_t end,
+                  const Bounds& region);
+    void add_lobes(std::size_t begin, std::size_t end, std::size_t step,
+                   std::vector<Lobe>& to) const;
 
     std::vector<Photon> photons_;  // while it is built
     float irradiance_ = 0.0f;
     Bounds bounds_;
     std::vector<Node> nodes_;
-    std::vector<Cell> cells_;
     std::vector<Lobe> lobes_;
+    std::vector<Lobe>
+        around_;  // while it is built: of the wider cell about the one at hand
 };
 
 template <class F>
@@ -89,32 +91,23 @@ inline GuideAt<F> CausticGuide::find(const Vec3<F>& p, Mask<F> wanted) const {
     if (empty()) {
         return {};
     }
-    const auto between = [&](const Vec3<F>& low, const Vec3<F>& high) {
-        return (p.x >= low.x) & (p.x <= high.x) & (p.y >= low.y) & (p.y <= high.y) &
-               (p.z >= low.z) & (p.z <= high.z);
-    };
-    const auto in_lanes = [](const Vec3f& v) { return Vec3<F>{F(v.x), F(v.y), F(v.z)}; };
-    wanted = wanted & between(in_lanes(bounds_.low), in_lanes(bounds_.high));
-    if (!any(wanted)) {
-        return {};
-    }
-    U node(0u), cell(0u);
-    auto open = wanted;
-    while (any(open)) {
+    const Vec3f low = bounds_.low, high = bounds_.high;
+    wanted = wanted & (p.x >= F(low.x)) & (p.x <= F(high.x)) & (p.y >= F(low.y)) &
+             (p.y <= F(high.y)) & (p.z >= F(low.z)) & (p.z <= F(high.z));
+    GuideAt<F> at;
+    U node(0u);
+    for (auto open = wanted; any(open);) {
         const auto row = gather_row<F, 4>(nodes_.data(), node);
-        const U axis = as_uint(row[1]), child = as_uint(row[2]);
-        const auto arrived = open & (axis == U(leaf_axis));
-        cell = select(arrived, child, cell);
+        const U axis = as_uint(row[1]), next = as_uint(row[2]);
+        const auto arrived = open & (axis == U(cell_axis));
+        at.share = select(arrived, row[0], at.share);
+        at.first = select(arrived, next >> count_bits, at.first);
+        at.count = select(arrived, next & U((1u << count_bits) - 1u), at.count);
         open = open & !arrived;
-        const F at = select(axis == U(0u), p.x, select(axis == U(1u), p.y, p.z));
-        node = select(open, child + select(at >= row[0], U(1u), U(0u)), node);
+        const F x = select(axis == U(0u), p.x, select(axis == U(1u), p.y, p.z));
+        node = select(open, next + select(x >= row[0], U(1u), U(0u)), node);
     }
-    const auto row = gather_row<F, 8>(cells_.data(), cell);
-    wanted = wanted & between({row[0], row[1], row[2]}, {row[4], row[5], row[6]});
-    const U packed = as_uint(row[7]);
-    return {packed >> count_bits,
-            select(wanted, packed & U((1u << count_bits) - 1u), U(0u)),
-            select(wanted, row[3], F(0.0f))};
+    return at;
 }
 
 template <class F>
@@ -139,8 +132,7 @@ inline F CausticGuide::pdf(const GuideAt<F>& at, const Vec3<F>& direction) const
     for (auto open = left > U(0u); any(open); open = left > U(0u)) {
         const auto row = gather_row<F, 4>(lobes_.data(), select(open, lobe, U(0u)));
         const F a = row[3];
-        const F t =
-            F(0.5f) * length_squared(direction - Vec3<F>{row[0], row[1], row[2]});
+        const F t = F(0.5f) * length_squared(direction - Vec3<F>{row[0], row[1], row[2]});
         const F density = a * (a + F(2.0f)) / sqr(t + a);
         sum += select(open, density, F(0.0f));
         lobe = lobe + U(1u);

@@ -100,11 +100,10 @@ Vec3f escaped_radiance(const Context& c, const Vec3f& direction, const Origin& o
 Vec3f met_radiance(const Context& c, const Surface& s, const Vec3f& direction,
                    const Origin& origin);
 
-/// Light from one sampled light, reflected into dir_out, weighted against the sampling of
-/// the BSDF, or of its mixture with the guide.
+/// Light from one sampled light, reflected into dir_out, weighted against the BSDF's own
+/// sampling.
 Vec3f sample_direct_light(const Context& c, const Surface& s, const Bsdf& bsdf,
-                          const Vec3f& dir_out_local, int vertex,
-                          const GuideAt<float>& guide = {});
+                          const Vec3f& dir_out_local, int vertex);
 
 FirstHit first_hit_of(const Surface& s, const Bsdf& bsdf);
 

@@ -1,5 +1,4 @@
 #include "integrator/context.h"
-#include "integrator/guided.h"
 #include "light/sample_light.h"
 
 namespace raykiln {
@@ -103,8 +102,7 @@ Vec3f met_radiance(const Context& c, const Surface& s, const Vec3f& direction,
 }
 
 Vec3f sample_direct_light(const Context& c, const Surface& s, const Bsdf& bsdf,
-                          const Vec3f& dir_out_local, int vertex,
-                          const GuideAt<float>& guide) {
+                          const Vec3f& dir_out_local, int vertex) {
     if (c.scene.lights.empty()) {
         return Vec3f(0.0f);
     }
@@ -127,11 +125,7 @@ Vec3f sample_direct_light(const Context& c, const Surface& s, const Bsdf& bsdf,
         return Vec3f(0.0f);
     }
     const float pdf = light.pdf_solid_angle * choice.pmf;
-    const float pdf_bsdf =
-        guide.share > 0.0f
-            ? pdf_guided(*c.guide, guide, f.pdf_solid_angle, light.direction)
-            : f.pdf_solid_angle;
-    const float weight = weight_of_light(c, light, pdf, pdf_bsdf);
+    const float weight = weight_of_light(c, light, pdf, f.pdf_solid_angle);
     return f.value * light.radiance * (weight / pdf);
 }
 

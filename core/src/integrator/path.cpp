@@ -37,8 +37,7 @@ Vec3f estimate_path(const Context& c, const Ray& camera_ray, FirstHit& first) {
             if (c.guide != nullptr) {
                 guide = c.guide->find(s.p, true);
             }
-            radiance +=
-                throughput * sample_direct_light(c, s, bsdf, dir_out, depth, guide);
+            radiance += throughput * sample_direct_light(c, s, bsdf, dir_out, depth);
         }
 
         // Go on in a direction that the material chooses, or the guide.

@@ -1,6 +1,5 @@
 #include "integrator/photons.h"
 
-#include "integrator/guided.h"
 #include "light/light.h"
 
 namespace raykiln {
@@ -10,15 +9,15 @@ namespace {
 /// Light sent is followed over at most as many surfaces.
 constexpr int longest_chain = 16;
 /// Density over solid angle from which on scattering counts as focusing.
-constexpr float sharp = 30.0f;
+constexpr float sharp = 2.0f;
 /// Roughness up to which a surface may do so.
-constexpr float smoothest_alpha = 0.1f;
+constexpr float roughest_alpha = 0.3f;
 /// Sky light counts as far as it exceeds this multiple of its mean over the sky: the rest
 /// is smooth enough to be found without a guide.
 constexpr float bright = 4.0f;
 
 bool is_smooth(const FloatSlot& alpha) {
-    return alpha.texture == no_texture && alpha.factor <= smoothest_alpha;
+    return alpha.texture == no_texture && alpha.factor <= roughest_alpha;
 }
 struct Focuses {
     bool operator()(const DiffuseMaterial&) const { return false; }
@@ -33,7 +32,7 @@ struct Focuses {
     bool operator()(const PrincipledMaterial& m) const {
         const bool clear = m.metallic.factor > 0.5f || m.transmission.factor > 0.0f;
         return clear && m.roughness.texture == no_texture &&
-               sqr(m.roughness.factor) <= smoothest_alpha;
+               sqr(m.roughness.factor) <= roughest_alpha;
     }
 };
 bool focuses(const Material& m) {
@@ -126,7 +125,8 @@ Emitted PhotonSource::emit(const SampleKey<float>& key) const {
                                           normal * target.sphere->radius);
     }
     const Sample4<float> w = independent_sample(key, 1);
-    const LightTree::Choice choice = choose_light(scene_, LightReceiver{p, Vec3f{}}, w[0]);
+    const LightTree::Choice choice =
+        choose_light(scene_, LightReceiver{p, Vec3f{}}, w[0]);
     if (!(choice.pmf > 0.0f)) {
         return {};
     }
@@ -135,10 +135,12 @@ Emitted PhotonSource::emit(const SampleKey<float>& key) const {
     if (sample.delta || !(sample.pdf_solid_angle > 0.0f)) {
         return {};
     }
-    const float power = luminance(sample.radiance) * bright_share(light, sample.radiance) *
+    const float power = luminance(sample.radiance) *
+                        bright_share(light, sample.radiance) *
                         std::fabs(dot(normal, sample.direction)) * area /
                         (choice_.pmf(number) * choice.pmf * sample.pdf_solid_angle);
-    const Vec3f from = sample.infinite ? p + sample.direction * far_distance_ : sample.point;
+    const Vec3f from =
+        sample.infinite ? p + sample.direction * far_distance_ : sample.point;
     return {{from, -sample.direction}, std::isfinite(power) ? power : 0.0f};
 }
 
@@ -180,8 +182,11 @@ void trace_photon(const Context& c, Ray ray, std::vector<Photon>& photons) {
             photons.push_back({s.p, -ray.direction});
         }
         const Sample4<float> u = independent_sample(c.key, bsdf_group(depth));
+        // Squared, the number finds a faint reflection by the root of its probability. A
+        // path from the camera meets it by the whole of it, so that its noise, which the
+        // guide is to fit, goes by that root.
         const BsdfSample<float> next =
-            sample(bsdf, s.shading.to_local(-ray.direction), {u[2], u[0], u[1]});
+            sample(bsdf, s.shading.to_local(-ray.direction), {sqr(u[2]), u[0], u[1]});
         const bool sharply = next.specular || next.pdf_solid_angle > sharp;
         // Light, unlike radiance, does not change with the index that it enters.
         if (!sharply || !(u[3] < max_component(next.weight) * sqr(next.eta))) {

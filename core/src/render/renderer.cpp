@@ -14,7 +14,7 @@
 #include <utility>
 
 #include "camera/camera.h"
-#include "integrator/photons.h"
+#include "render/learn_caustics.h"
 
 namespace raykiln {
 
@@ -22,9 +22,6 @@ namespace {
 
 constexpr int tile_size = 16;
 constexpr std::chrono::milliseconds poll_interval{20};
-/// Rays from lights that the guide learns from, and how many one task follows.
-constexpr std::size_t photon_rays = std::size_t{1} << 18;
-constexpr std::size_t photon_block = 4096;
 
 }  // namespace
 
@@ -126,46 +123,15 @@ bool Renderer::run_pass(const Poll& poll) {
     return wanted;
 }
 
-/// Learns where smooth surfaces focus light, once: from the whole scene, so that every
-/// part of an image has the same guide.
 void Renderer::prepare_guide() {
+    const EstimatorSettings& e = options_.estimator;
     if (std::exchange(guide_prepared_, true) || !options_.caustic_guide ||
-        options_.estimator.integrator != IntegratorKind::path ||
-        options_.estimator.max_depth < 3) {
+        e.integrator != IntegratorKind::path) {
         return;
     }
-    const PhotonSource source(scene_);
-    if (source.empty()) {
-        return;
-    }
-    const auto key = [&](std::size_t i, std::uint32_t salt) {
-        return SampleKey<float>{hash_combine(hash_bits(options_.seed), salt),
-                                static_cast<std::uint32_t>(i)};
-    };
-    std::vector<Emitted> rays(photon_rays);
-    tbb::parallel_for(std::size_t{0}, photon_rays / photon_block, [&](std::size_t block) {
-        for (std::size_t i = block * photon_block; i < (block + 1) * photon_block; ++i) {
-            rays[i] = source.emit(key(i, 1));
-        }
-    });
-    const std::vector<std::uint32_t> chosen = equal_in_power(rays);
-    if (chosen.empty()) {
-        return;
-    }
-    std::vector<std::vector<Photon>> found(photon_rays / photon_block);
-    tbb::parallel_for(std::size_t{0}, found.size(), [&](std::size_t block) {
-        RayCounts counts;
-        for (std::size_t i = block * photon_block; i < (block + 1) * photon_block; ++i) {
-            const Context c{scene_, accel_, options_.estimator, key(i, 2), counts};
-            trace_photon(c, rays[chosen[i]].ray, found[block]);
-        }
-    });
-    std::vector<Photon> photons;
-    for (const auto& block : found) {
-        photons.insert(photons.end(), block.begin(), block.end());
-    }
-    guide_ = CausticGuide(std::move(photons),
-                          static_cast<float>(photon_rays) / source.area());
+    const auto samples = static_cast<std::uint64_t>(options_.width) *
+                         static_cast<std::uint64_t>(options_.height) * options_.spp;
+    guide_ = learn_caustics(scene_, accel_, e, options_.seed, samples);
     if (batch_scene_ && !guide_.empty()) {
         batch_scene_->guide = &guide_;
     }

@@ -245,8 +245,7 @@ inline M may_scatter(const Diffuse<F>& bsdf) {
 template <class B>
 inline void sample_direct_light(const Vertex& at, const SurfacePoint<F>& s, const B& bsdf,
                                 const Vec3<F>& dir_out, const Vec3<F>& throughput,
-                                const LightReceiverOf<F>& receiver,
-                                const GuideAt<F>& guide) {
+                                const LightReceiverOf<F>& receiver) {
     if (!any(at.valid & may_scatter(bsdf))) {
         return;
     }
@@ -261,12 +260,8 @@ inline void sample_direct_light(const Vertex& at, const SurfacePoint<F>& s, cons
     wanted = wanted & (light.pdf_solid_angle > F(0.0f));
     const BsdfValue<F> f = evaluate(bsdf, dir_out, s.shading.to_local(light.direction));
     const F pdf = light.pdf_solid_angle * choice.pmf;
-    F pdf_bsdf = f.pdf_solid_angle;
-    if (at.b.guide != nullptr) {
-        pdf_bsdf = pdf_guided(*at.b.guide, guide, pdf_bsdf, light.direction);
-    }
     const F weight =
-        weight_of_light(at.b.estimator.strategy, light.delta, pdf, pdf_bsdf);
+        weight_of_light(at.b.estimator.strategy, light.delta, pdf, f.pdf_solid_angle);
     const Vec3<F> seen = f.value * light.radiance;
     wanted = wanted & (max_component(seen) > F(0.0f));
     const Vec3<F> origin = offset_origin(s.p, s.normal, light.direction, s.error);
@@ -372,7 +367,7 @@ inline void shade(const Vertex& at, const Material& material, const Kind& kind) 
         if (b.guide != nullptr) {
             guide = b.guide->find(s.p, at.valid);
         }
-        sample_direct_light(at, s, bsdf, dir_out, throughput, receiver, guide);
+        sample_direct_light(at, s, bsdf, dir_out, throughput, receiver);
     }
     scatter_paths(at, s, bsdf, dir_out, throughput, receiver, guide);
 }
