@@ -7,17 +7,21 @@ namespace raykiln {
 
 namespace {
 
-constexpr std::size_t photons_a_cell = 16;
+constexpr std::size_t photons_a_cell = 12;
 /// A cell also knows some of the photons of the wider cell about it, for what its own few
 /// missed.
-constexpr std::size_t photons_around = 256;
-constexpr std::size_t lobes_around = 16;
+constexpr std::size_t photons_around = 192;
+constexpr std::size_t lobes_around = 8;
 /// The share of the samples that goes to the guide where it knows of strong light.
 constexpr float greatest_share = 0.4f;
-/// Where focused light is as faint as this, against the lights' own irradiance, the share
-/// is half of that.
-constexpr float faint = 0.01f;
-/// Lobes are no narrower than this: a quarter of a degree.
+/// Variance that focused light would have without a guide, against the square of the
+/// lights' own irradiance, at which the share is half of that.
+constexpr float half_share_variance = 0.003f;
+/// A smaller share is not worth its time.
+constexpr float least_share = 0.03f;
+/// Lobes are twice as wide as it is far to this neighbour, and no narrower than a quarter
+/// of a degree.
+constexpr std::size_t neighbour = 3;
 constexpr float least_width = 1e-5f;
 
 float component(const Vec3f& v, std::uint32_t axis) {
@@ -45,6 +49,9 @@ CausticGuide::CausticGuide(std::vector<Photon> photons, float irradiance) :
     divide(0, 0, photons_.size(), bounds_);
     photons_ = {};
     around_ = {};
+    if (lobes_.empty()) {
+        nodes_.clear();
+    }
 }
 
 /// Halves the photons along the longest side of their bounds until few are left.
@@ -100,13 +107,26 @@ void CausticGuide::add_cell(std::uint32_t node, std::size_t begin, std::size_t e
         static_cast<float>(end - begin) / max(area * irradiance_, 1e-12f);
     const auto first = static_cast<std::uint32_t>(lobes_.size());
     add_lobes(begin, end, 1, lobes_);
+    // The BSDF finds the light by a probability of about pi over its mean density.
+    float density = 0.0f;
+    for (std::size_t i = first; i < lobes_.size(); ++i) {
+        density += 1.0f / lobes_[i].width;
+    }
+    density *=
+        inv_pi * static_cast<float>(neighbour) / sqr(static_cast<float>(end - begin));
+    const float variance = sqr(relative) * pi * density;
+    const float share = greatest_share * variance / (variance + half_share_variance);
+    if (share < least_share) {
+        lobes_.resize(first);
+        nodes_[node] = {0.0f, cell_axis, 0};
+        return;
+    }
     lobes_.insert(lobes_.end(), around_.begin(), around_.end());
     const auto lobes = static_cast<std::uint32_t>(lobes_.size()) - first;
-    nodes_[node] = {greatest_share * relative / (relative + faint), cell_axis,
-                    (first << count_bits) | lobes};
+    nodes_[node] = {share, cell_axis, (first << count_bits) | lobes};
 }
 
-/// Lobes about every `step`-th photon, twice as wide as it is far to the third neighbour.
+/// Lobes about every `step`-th photon.
 void CausticGuide::add_lobes(std::size_t begin, std::size_t end, std::size_t step,
                              std::vector<Lobe>& to) const {
     std::vector<float> t;
@@ -116,8 +136,8 @@ void CausticGuide::add_lobes(std::size_t begin, std::size_t end, std::size_t ste
             t.push_back(0.5f *
                         length_squared(photons_[i].direction - photons_[k].direction));
         }
-        const auto third = t.begin() + static_cast<std::ptrdiff_t>(
-                                           std::min(t.size() - 1, std::size_t{3}));
+        const auto third =
+            t.begin() + static_cast<std::ptrdiff_t>(std::min(t.size() - 1, neighbour));
         std::nth_element(t.begin(), third, t.end());
         to.push_back({photons_[i].direction, max(2.0f * *third, least_width)});
     }

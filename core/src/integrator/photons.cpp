@@ -9,9 +9,9 @@ namespace {
 /// Light sent is followed over at most as many surfaces.
 constexpr int longest_chain = 16;
 /// Density over solid angle from which on scattering counts as focusing.
-constexpr float sharp = 2.0f;
+constexpr float sharp = 100.0f;
 /// Roughness up to which a surface may do so.
-constexpr float roughest_alpha = 0.3f;
+constexpr float roughest_alpha = 0.03f;
 /// Sky light counts as far as it exceeds this multiple of its mean over the sky: the rest
 /// is smooth enough to be found without a guide.
 constexpr float bright = 4.0f;
@@ -58,6 +58,9 @@ PhotonSource::PhotonSource(const Scene& scene) : scene_(scene) {
     add_targets(scene.groups[0], Transform{});
     for (const Instance& instance : scene.instances) {
         add_targets(scene.groups[instance.group], instance.world_from_group);
+    }
+    if (targets_.empty()) {
+        return;
     }
     std::vector<float> areas;
     for (const Target& target : targets_) {
