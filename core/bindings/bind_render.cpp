@@ -1,5 +1,7 @@
 // Rendering: passes run with the GIL released; it is taken for a moment at each poll.
+#include <initializer_list>
 #include <string>
+#include <utility>
 
 #include "bind.h"
 #include "compiled_scene.h"
@@ -12,17 +14,21 @@ namespace raykiln {
 
 namespace {
 
-IntegratorKind integrator_of(const std::string& name) {
-    return name == "whitted"  ? IntegratorKind::whitted
-           : name == "direct" ? IntegratorKind::direct
-           : name == "ao"     ? IntegratorKind::ao
-                              : IntegratorKind::path;
-}
-FilterKind filter_of(const std::string& name) {
-    return name == "box"               ? FilterKind::box
-           : name == "tent"            ? FilterKind::tent
-           : name == "blackman_harris" ? FilterKind::blackman_harris
-                                       : FilterKind::gaussian;
+/// What an option's name stands for; throws SettingsError for a name that is not known.
+template <class T>
+T named(const py::dict& options, const char* option,
+        std::initializer_list<std::pair<const char*, T>> known) {
+    const auto name = options[option].cast<std::string>();
+    std::string accepted;
+    for (const auto& [accepted_name, value] : known) {
+        if (name == accepted_name) {
+            return value;
+        }
+        accepted += accepted.empty() ? "" : ", ";
+        accepted += accepted_name;
+    }
+    throw SettingsError(std::string(option) + ": there is none of this name (found \"" +
+                        name + "\", accepted: " + accepted + ")");
 }
 
 RenderOptions options_of(const py::dict& d) {
@@ -37,18 +43,26 @@ RenderOptions options_of(const py::dict& d) {
     o.spp = d["spp"].cast<std::uint32_t>();
     o.seed = d["seed"].cast<std::uint32_t>();
     o.threads = d["threads"].cast<int>();
-    o.filter = filter_of(d["filter"].cast<std::string>());
+    o.filter = named<FilterKind>(d, "filter",
+                                 {{"box", FilterKind::box},
+                                  {"tent", FilterKind::tent},
+                                  {"gaussian", FilterKind::gaussian},
+                                  {"blackman_harris", FilterKind::blackman_harris}});
     o.layers = {d["albedo"].cast<bool>(), d["normal"].cast<bool>(),
                 d["depth"].cast<bool>()};
-    o.estimator.integrator = integrator_of(d["integrator"].cast<std::string>());
-    o.estimator.sampler = d["sampler"].cast<std::string>() == "independent"
-                              ? SamplerKind::independent
-                              : SamplerKind::sobol;
+    o.estimator.integrator = named<IntegratorKind>(d, "integrator",
+                                                   {{"path", IntegratorKind::path},
+                                                    {"whitted", IntegratorKind::whitted},
+                                                    {"direct", IntegratorKind::direct},
+                                                    {"ao", IntegratorKind::ao}});
+    o.estimator.sampler = named<SamplerKind>(
+        d, "sampler",
+        {{"sobol", SamplerKind::sobol}, {"independent", SamplerKind::independent}});
     if (d.contains("strategy")) {
-        const auto name = d["strategy"].cast<std::string>();
-        o.estimator.strategy = name == "light"  ? Strategy::light_only
-                               : name == "bsdf" ? Strategy::bsdf_only
-                                                : Strategy::mis;
+        o.estimator.strategy = named<Strategy>(d, "strategy",
+                                               {{"mis", Strategy::mis},
+                                                {"light", Strategy::light_only},
+                                                {"bsdf", Strategy::bsdf_only}});
     }
     o.reference = d.contains("reference") && d["reference"].cast<bool>();
     o.few_triangles = !d.contains("few_triangles") || d["few_triangles"].cast<bool>();

@@ -317,5 +317,24 @@ TEST(IndependentSampler, SamplesOfAPixelAreUniformAndUnrelated) {
     }
 }
 
+template <std::uint32_t wanted>
+void expect_part_of_all(SamplerKind kind) {
+    const SampleKey<float> key = sample_key(7, 3, 5, 41);
+    const Sample4<float> all = sample_4d(kind, key, 6);
+    const Sample4<float> part = sample_4d<float, wanted>(kind, key, 6);
+    for (std::uint32_t d = 0; d < 4; ++d) {
+        EXPECT_EQ(part[d], (wanted >> d & 1u) != 0 ? all[d] : 0.0f) << d;
+    }
+}
+
+TEST(Sampler, PartOfTheNumbersIsThatOfAll) {
+    for (const SamplerKind kind : {SamplerKind::sobol, SamplerKind::independent}) {
+        expect_part_of_all<first_two>(kind);
+        expect_part_of_all<first_three>(kind);
+        expect_part_of_all<the_third>(kind);
+        expect_part_of_all<the_fourth>(kind);
+    }
+}
+
 }  // namespace
 }  // namespace raykiln

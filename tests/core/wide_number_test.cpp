@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <bit>
 #include <cmath>
 
@@ -295,6 +296,28 @@ TEST(WideNumber, CompressedStoresKeepTheOrder) {
         ASSERT_EQ(n, next);
         ASSERT_EQ(uints[width], 77u);
         ASSERT_EQ(floats[width], 77.0f);
+    }
+}
+
+TEST(WideNumber, MaskedStoresLeaveTheOtherLanes) {
+    Rng rng(7);
+    for (int round = 0; round < rounds; ++round) {
+        const Lanes a(rng);
+        std::uint32_t uints[width], packed[width];
+        float floats[width];
+        std::fill_n(uints, width, 77u);
+        std::fill_n(floats, width, 77.0f);
+        store(a.mask(), uints, a.uint());
+        store(a.mask(), floats, a.wide());
+        store(packed, compress(a.mask(), a.uint()));
+        int next = 0;
+        for (int i = 0; i < width; ++i) {
+            ASSERT_EQ(uints[i], a.m[i] ? a.u[i] : 77u);
+            ASSERT_TRUE(same(floats[i], a.m[i] ? a.f[i] : 77.0f));
+            if (a.m[i]) {
+                ASSERT_EQ(packed[next++], a.u[i]);
+            }
+        }
     }
 }
 

@@ -7,9 +7,13 @@ from typing import Any
 
 import pytest
 
+import raykiln as rk
+from raykiln import _core
+from raykiln.compile import compile_scene
+
 from .proof_scenes import SCENES
 from .statistics import Estimate, excess
-from .support import render_runs
+from .support import options, render_runs
 
 SMALL: dict[str, Any] = {"width": 32, "height": 32, "filter": "box", "rr_depth": -1}
 
@@ -36,6 +40,16 @@ def test_one_strategy_has_the_mean_of_both(name: str, strategy: str, spp: int) -
     both = render_runs(scene, 12, spp=spp, **settings)
     alone = render_runs(scene, 12, spp=4 * spp, strategy=strategy, seed=100, **settings)
     assert_equal_means(alone, both)
+
+
+@pytest.mark.parametrize("option", ["strategy", "sampler", "integrator", "filter"])
+def test_a_name_that_is_not_known_is_an_error(option: str) -> None:
+    settings = rk.RenderSettings(width=4, height=4, spp=1)
+    scene = next(iter(SCENES.values()))()
+    resolved = settings.over(scene.settings)
+    compiled = compile_scene(scene, resolved)
+    with pytest.raises(rk.SettingsError, match=rf'{option}: .*found "lights", accepted: \w+, \w+'):
+        _core.Renderer(compiled.core, {**options(resolved), option: "lights"})
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -255,6 +255,21 @@ inline void store(float* to, Wide x) {
 inline void store(std::uint32_t* to, WideUint x) {
     std::memcpy(to, &x.v, sizeof(x.v));
 }
+/// The lanes of the mask alone; the others must be there to be read.
+inline void store(WideMask m, float* to, Wide x) {
+    Wide old;
+    std::memcpy(&old.v, to, sizeof(old.v));
+    store(to, select(m, x, old));
+}
+inline void store(WideMask m, std::uint32_t* to, WideUint x) {
+    WideUint old;
+    std::memcpy(&old.v, to, sizeof(old.v));
+    store(to, select(m, x, old));
+}
+/// The lanes of the mask moved to the front, in order.
+inline WideUint compress(WideMask m, WideUint values) {
+    return WideUint(WideIsa::compress(m.v, values.v), 0);
+}
 /// Appends the lanes of the mask in order and returns their number. There must be room
 /// for all lanes: what follows the appended ones is overwritten.
 inline int compress_store(WideMask m, WideUint values, std::uint32_t* out) {

@@ -44,11 +44,21 @@ inline TexelOf<F> lookup_float_image(const ImageTexture& t, const Vec2<F>& uv) {
     const F v = bounded(F(m.d) * uv.x + F(m.e) * uv.y + F(m.f));
     const F x = u * F(static_cast<float>(t.width));
     const F y = v * F(static_cast<float>(t.height));
+    const auto words = static_cast<std::uint32_t>(t.width * t.height * t.channels);
     const auto fetch = [&](F ix, F iy) -> TexelOf<F> {
         const Uint<F> at = (wrapped(iy, t.height, t.wrap_v) *
                                 Uint<F>(static_cast<std::uint32_t>(t.width)) +
                             wrapped(ix, t.width, t.wrap_u)) *
                            Uint<F>(static_cast<std::uint32_t>(t.channels));
+        if (t.channels >= 3 && words >= 4) {
+            // Four words at once: the last texel of three is read from one before it.
+            const Uint<F> begin = min(at, Uint<F>(words - 4));
+            const auto four = gather4(pixels, begin);
+            const auto last = begin != at;
+            return {{select(last, four[1], four[0]), select(last, four[2], four[1]),
+                     select(last, four[3], four[2])},
+                    t.channels == 4 ? four[3] : F(1.0f)};
+        }
         const F first = gather(pixels, at);
         if (t.channels <= 2) {
             return {Vec3<F>(first), t.channels == 2 ? gather(pixels + 1, at) : F(1.0f)};

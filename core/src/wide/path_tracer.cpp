@@ -19,7 +19,8 @@ class PathTracer final : public BatchTracer {
   public:
     explicit PathTracer(const BatchScene& scene) :
         b_(scene),
-        ends_(scene.scene.materials.size() + 3) {}
+        ends_(scene.scene.materials.size() + 3),
+        has_environment_(!scene.scene.light_table.environments.empty()) {}
 
     void run(Batch& batch, RayCounts& counts) override {
         start(batch);
@@ -29,6 +30,9 @@ class PathTracer final : public BatchTracer {
             sort_by_material();
             shade_all(batch, depth, counts);
             trace_shadows(b_, paths_, shadows_, depth, counts);
+            if (depth >= b_.estimator.max_depth) {
+                break;
+            }
             keep_alive();
         }
         for (int i = 0; i < batch.size(); i += lanes) {
@@ -61,7 +65,8 @@ class PathTracer final : public BatchTracer {
         for (int i = 0; i < size_; i += lanes) {
             const SampleKey<F> key{load(paths_.pixel_key.at + i),
                                    load(paths_.sample_index.at + i)};
-            const Sample4<F> u = sample_4d(b_.estimator.sampler, key, camera_group);
+            const Sample4<F> u =
+                sample_4d<F, first_two>(b_.estimator.sampler, key, camera_group);
             const F x = load(pixel_x_.at + i) + F(0.5f) + b_.filter.offset(u[0]);
             const F y = load(pixel_y_.at + i) + F(0.5f) + b_.filter.offset(u[1]);
             const CameraRay<F> ray =
@@ -101,33 +106,59 @@ class PathTracer final : public BatchTracer {
             scatter(valid, paths_.shape.at, slots, shape);
         }
         std::fill(ends_.begin(), ends_.end(), 0);
-        for (int i = 0; i < size_; ++i) {
-            ++ends_[group_.at[i] + 1];
-        }
+        for_each_group([&](std::uint32_t group, int, M members) {
+            ends_[group + 1] += static_cast<std::uint32_t>(count(members));
+        });
         // ends_[g] holds the number in group g - 1: make it where group g begins, then
         // move it to where it ends.
         for (std::size_t g = 1; g < ends_.size(); ++g) {
             ends_[g] += ends_[g - 1];
         }
-        for (int i = 0; i < size_; ++i) {
-            sorted_.at[ends_[group_.at[i]]++] = active_.at[i];
+        for_each_group([&](std::uint32_t group, int i, M members) {
+            std::uint32_t* to = sorted_.at + ends_[group];
+            const int number = count(members);
+            // Other groups may already be behind these slots.
+            store(M::first(number), to, compress(members, load(active_.at + i)));
+            ends_[group] += static_cast<std::uint32_t>(number);
+        });
+    }
+
+    /// Calls `take(group, i, members)` for each group among the lanes from `i` on, for
+    /// all active slots.
+    template <class Take>
+    void for_each_group(const Take& take) const {
+        for (int i = 0; i < size_; i += lanes) {
+            const U groups = load(group_.at + i);
+            M left = M::first(std::min(lanes, size_ - i));
+            while (any(left)) {
+                const std::uint32_t group = group_.at[i + std::countr_zero(bits(left))];
+                const M members = left & (groups == U(group));
+                take(group, i, members);
+                left = left & !members;
+            }
         }
     }
 
     void shade_all(Batch& batch, int depth, RayCounts& counts) {
         const std::uint32_t misses = ends_[0];
+        const bool emission_alone =
+            depth >= b_.estimator.max_depth && !(depth == 1 && b_.first_hits);
         for (std::uint32_t i = 0; i < misses; i += lanes) {
             const M valid =
                 M::first(static_cast<int>(std::min<std::uint32_t>(lanes, misses - i)));
             const U slots = select(valid, load(sorted_.at + i), U(sorted_.at[i]));
-            const Vec3<F> radiance = escaped_radiance(b_, paths_, slots);
-            paths_.radiance.add(valid, slots, paths_.throughput[slots] * radiance);
+            if (has_environment_) {
+                const Vec3<F> radiance = escaped_radiance(b_, paths_, slots);
+                paths_.radiance.add(valid, slots, paths_.throughput[slots] * radiance);
+            }
             scatter(valid, paths_.alive.at, slots, U(0u));
         }
         std::uint32_t begin = misses;
         for (std::size_t m = 0; m < b_.scene.materials.size(); ++m) {
             const std::uint32_t end = ends_[m + 1];
-            if (begin == end) {
+            // At the end of the longest paths only emission counts.
+            if (begin == end || (emission_alone && !b_.shapes.emissive_material[m])) {
+                begin = end;
                 continue;
             }
             const Material& material = b_.scene.materials[m];
@@ -165,6 +196,7 @@ class PathTracer final : public BatchTracer {
     Indices active_, sorted_, group_;
     int size_ = 0;  // number of active slots
     std::vector<std::uint32_t> ends_;
+    bool has_environment_;
 };
 
 }  // namespace

@@ -1,5 +1,6 @@
 #pragma once
 
+#include "math/gather.h"
 #include "math/vec.h"
 #include "math/wide.h"
 #include "wide/kernels.h"
@@ -24,12 +25,26 @@ inline Vec3<F> in_lanes(const Vec3f& v) {
     return {F(v.x), F(v.y), F(v.z)};
 }
 
+/// Whether the slots are neighbours: then whole vectors are read and written, for which
+/// there are quicker ways.
+inline bool in_a_row(U slots) {
+    return all(slots == U(first_lane(slots)) + iota<U>());
+}
+
 /// A number a path.
 struct alignas(64) Plane {
     float at[Batch::padded];
 
-    F operator[](U slots) const { return gather(at, slots); }
-    void put(M where, U slots, F value) { scatter(where, at, slots, value); }
+    F operator[](U slots) const {
+        return in_a_row(slots) ? load(at + first_lane(slots)) : gather(at, slots);
+    }
+    void put(M where, U slots, F value) {
+        if (in_a_row(slots)) {
+            store(where, at + first_lane(slots), value);
+        } else {
+            scatter(where, at, slots, value);
+        }
+    }
 };
 
 /// Three numbers a path.
@@ -67,7 +82,9 @@ struct Plane3 {
 struct alignas(64) Indices {
     std::uint32_t at[Batch::padded];
 
-    U operator[](U slots) const { return gather(at, slots); }
+    U operator[](U slots) const {
+        return in_a_row(slots) ? load(at + first_lane(slots)) : gather(at, slots);
+    }
 };
 
 /// All paths of a batch; a path keeps its slot.

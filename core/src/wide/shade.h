@@ -6,6 +6,7 @@
 #include "integrator/roulette.h"
 #include "integrator/surface.h"
 #include "light/sample_light.h"
+#include "wide/met_shapes.h"
 #include "wide/planes.h"
 
 // One vertex of as many paths as there are lanes, all on the same material.
@@ -32,118 +33,6 @@ inline F weight_of_light(Strategy strategy, M delta, F pdf_light, F pdf_bsdf) {
     const F other =
         strategy == Strategy::bsdf_only ? F(0.0f) : mis_weight(pdf_light, pdf_bsdf);
     return select(delta, F(1.0f), other);
-}
-
-/// The surfaces that some paths met: what their shapes and places say, lane by lane.
-struct MetShapes {
-    TriangleCorners<F> corners;
-    SphereLightOf<F> sphere;  // center and radius
-    TransformOf<F> world_from_group;
-    F sign;
-    U emission, light;
-    M on_sphere, placed, emits;
-};
-
-/// Lanes are filled one by one in memory and read back whole.
-struct LaneBuffer {
-    alignas(64) float at[lanes];
-    F all() const { return load(at); }
-};
-struct LaneBuffer3 {
-    LaneBuffer x, y, z;
-    void set(int lane, float a, float b, float c) {
-        x.at[lane] = a;
-        y.at[lane] = b;
-        z.at[lane] = c;
-    }
-    void set(int lane, const Vec3f& v) { set(lane, v.x, v.y, v.z); }
-    Vec3<F> all() const { return {x.all(), y.all(), z.all()}; }
-};
-
-inline MetShapes fetch_shapes(const BatchScene& b, const Paths& paths, U slots) {
-    LaneBuffer3 p[3], n[3], center, mx, my, mz, mo;
-    LaneBuffer u[3], v[3], radius, sign;
-    alignas(64) std::uint32_t slot[lanes], emission[lanes], light[lanes];
-    std::uint32_t on_sphere = 0, placed = 0, emits = 0, has_normals = 0, has_uv = 0;
-    store(slot, slots);
-    for (int i = 0; i < lanes; ++i) {
-        const std::uint32_t s = slot[i];
-        const std::uint32_t instance = paths.instance.at[s];
-        const ShapeRecord& shape = b.shapes.shapes[paths.shape.at[s]];
-        const std::uint32_t bit = 1u << i;
-        sign.at[i] = shape.sign;
-        emission[i] = light[i] = 0;
-        if (shape.emission != no_index) {
-            emits |= bit;
-            emission[i] = shape.emission;
-            Hit hit;
-            hit.geometry = paths.geometry.at[s];
-            hit.primitive = paths.primitive.at[s];
-            hit.instance = instance;
-            light[i] = light_of(b.scene, hit);
-        }
-        if (instance != no_index) {
-            placed |= bit;
-            const Transform& m = b.scene.instances[instance].world_from_group;
-            mx.set(i, m.x);
-            my.set(i, m.y);
-            mz.set(i, m.z);
-            mo.set(i, m.origin);
-        }
-        if (shape.sphere != nullptr) {
-            on_sphere |= bit;
-            center.set(i, shape.sphere->center);
-            radius.at[i] = shape.sphere->radius;
-            continue;
-        }
-        const std::uint32_t* corner =
-            shape.indices + 3 * static_cast<std::size_t>(paths.primitive.at[s]);
-        for (int k = 0; k < 3; ++k) {
-            const float* at = shape.positions + 3 * static_cast<std::size_t>(corner[k]);
-            p[k].set(i, at[0], at[1], at[2]);
-        }
-        if (shape.normals != nullptr) {
-            has_normals |= bit;
-            for (int k = 0; k < 3; ++k) {
-                const float* at = shape.normals + 3 * static_cast<std::size_t>(corner[k]);
-                n[k].set(i, at[0], at[1], at[2]);
-            }
-        }
-        if (shape.uvs != nullptr) {
-            has_uv |= bit;
-            for (int k = 0; k < 3; ++k) {
-                const float* at = shape.uvs + 2 * static_cast<std::size_t>(corner[k]);
-                u[k].at[i] = at[0];
-                v[k].at[i] = at[1];
-            }
-        }
-    }
-    MetShapes met;
-    for (int k = 0; k < 3; ++k) {
-        met.corners.p[k] = p[k].all();
-        if (has_normals != 0) {
-            met.corners.n[k] = n[k].all();
-        }
-        if (has_uv != 0) {
-            met.corners.uv[k] = {u[k].all(), v[k].all()};
-        }
-    }
-    met.corners.has_normals = M::of_bits(has_normals);
-    met.corners.has_uv = M::of_bits(has_uv);
-    met.sign = sign.all();
-    met.emission = load(emission);
-    met.light = load(light);
-    met.on_sphere = M::of_bits(on_sphere);
-    met.placed = M::of_bits(placed);
-    met.emits = M::of_bits(emits);
-    if (on_sphere != 0) {
-        met.sphere.center = center.all();
-        met.sphere.radius = radius.all();
-    }
-    if (placed != 0) {
-        met.world_from_group = {mx.all(), my.all(), mz.all(), mo.all()};
-    }
-    return met;
 }
 
 inline Geometry<F> geometry_of(const MetShapes& met, const Paths& paths, U slots) {
@@ -225,9 +114,10 @@ struct Vertex {
     M valid;
     RayCounts& counts;
 
+    template <std::uint32_t wanted>
     Sample4<F> draw(std::uint32_t group) const {
         const SampleKey<F> key{paths.pixel_key[slots], paths.sample_index[slots]};
-        return sample_4d(b.estimator.sampler, key, group);
+        return sample_4d<F, wanted>(b.estimator.sampler, key, group);
     }
 };
 
@@ -249,7 +139,7 @@ inline void sample_direct_light(const Vertex& at, const SurfacePoint<F>& s, cons
     if (!any(at.valid & may_scatter(bsdf))) {
         return;
     }
-    const Sample4<F> u = at.draw(light_group(at.depth));
+    const Sample4<F> u = at.draw<first_three>(light_group(at.depth));
     const LightChoiceOf<F> choice = choose_light(at.b.scene, receiver, u[0]);
     M wanted = at.valid & (choice.pmf > F(0.0f));
     if (!any(wanted)) {
@@ -295,17 +185,34 @@ inline void store_first_hit(const Vertex& at, const SurfacePoint<F>& s, const B&
     scatter(at.valid, at.batch.hit, at.slots, U(1u));
 }
 
+/// The numbers that sampling a material's direction takes.
+template <class B>
+inline Sample4<F> draw_for(const B&, const Vertex& at) {
+    return at.draw<first_three>(bsdf_group(at.depth));
+}
+inline Sample4<F> draw_for(const Diffuse<F>&, const Vertex& at) {
+    return at.draw<first_two>(bsdf_group(at.depth));
+}
+inline Sample4<F> draw_for(const Conductor<F>&, const Vertex& at) {
+    return at.draw<first_two>(bsdf_group(at.depth));
+}
+inline Sample4<F> draw_for(const Dielectric<F>& bsdf, const Vertex& at) {
+    return bsdf.smooth || bsdf.thin ? at.draw<the_third>(bsdf_group(at.depth))
+                                    : at.draw<first_three>(bsdf_group(at.depth));
+}
+
 /// Goes on in a direction that the material chooses, or the guide, or ends the path.
 template <class B>
 inline void scatter_paths(const Vertex& at, const SurfacePoint<F>& s, const B& bsdf,
                           const Vec3<F>& dir_out, Vec3<F> throughput,
                           const LightReceiverOf<F>& receiver, const GuideAt<F>& guide) {
-    const Sample4<F> u = at.draw(bsdf_group(at.depth));
+    const bool guided = any(guide.share > F(0.0f));
+    const Sample4<F> u =
+        guided ? at.draw<first_three>(bsdf_group(at.depth)) : draw_for(bsdf, at);
     const BsdfRandom<F> random{u[2], u[0], u[1]};
     const BsdfSample<F> next =
-        at.b.guide != nullptr
-            ? sample_guided(*at.b.guide, guide, bsdf, s.shading, dir_out, random)
-            : sample(bsdf, dir_out, random);
+        guided ? sample_guided(*at.b.guide, guide, bsdf, s.shading, dir_out, random)
+               : sample(bsdf, dir_out, random);
     throughput *= next.weight;
     M alive = at.valid & (max_component(throughput) > F(0.0f));
     const F eta_scale = at.paths.eta_scale[at.slots] * next.eta;
@@ -313,7 +220,7 @@ inline void scatter_paths(const Vertex& at, const SurfacePoint<F>& s, const B& b
     const EstimatorSettings& e = at.b.estimator;
     if (e.rr_depth >= 0 && at.depth >= e.rr_depth) {
         const F survival = survival_probability(throughput, eta_scale);
-        alive = alive & (u[3] < survival);
+        alive = alive & (at.draw<the_fourth>(bsdf_group(at.depth))[3] < survival);
         throughput *= F(1.0f) / survival;
     }
     const Vec3<F> direction = normalize(s.shading.to_world(next.dir_in));
@@ -348,7 +255,6 @@ inline void shade(const Vertex& at, const Material& material, const Kind& kind) 
     const bool last = at.depth >= b.estimator.max_depth;
     const bool first = at.depth == 1 && b.first_hits;
     if (last && !first) {
-        scatter(at.valid, at.paths.alive.at, at.slots, U(0u));
         return;
     }
     const auto bsdf = make_bsdf(kind, detail::Parameters<F>{b.scene.textures, s.uv});
@@ -356,7 +262,6 @@ inline void shade(const Vertex& at, const Material& material, const Kind& kind) 
         store_first_hit(at, s, bsdf);
     }
     if (last) {
-        scatter(at.valid, at.paths.alive.at, at.slots, U(0u));
         return;
     }
     const Vec3<F> dir_out = s.shading.to_local(-direction);

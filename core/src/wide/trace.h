@@ -13,6 +13,39 @@ inline namespace RAYKILN_WIDE_NAMESPACE {
 
 // Fewer rays than this are faster one by one.
 constexpr int least_packet = lanes >= 16 ? 6 : lanes >= 8 ? 4 : 3;
+// Rays that go alike, as through a smooth surface, are traced as camera
+// rays are if they are at least as many as this.
+constexpr int least_alike = lanes >= 8 ? 4 : 3;
+constexpr float alike_cosine = 0.997f;
+
+/// The lanes of `which` whose directions are near the first one's; `lengths2`: squared
+/// lengths of the directions.
+inline std::uint32_t alike_lanes(const Vec3<F>& direction, F lengths2,
+                                 std::uint32_t which) {
+    const int first = std::countr_zero(which);
+    const Vec3<F> lead{F(direction.x.lane(first)), F(direction.y.lane(first)),
+                       F(direction.z.lane(first))};
+    const F cosine = dot(direction, lead);
+    const F most = lengths2 * F(lengths2.lane(first)) * F(alike_cosine * alike_cosine);
+    return which & bits((cosine > F(0.0f)) & (cosine * cosine > most));
+}
+
+/// Calls `take(lanes)` for up to two groups of rays that go alike, and returns the rest.
+template <class Take>
+inline std::uint32_t take_alike(const Vec3<F>& direction, std::uint32_t which,
+                                const Take& take) {
+    const F lengths2 = length_squared(direction);
+    std::uint32_t left = which;
+    for (int i = 0; i < 2 && std::popcount(left) >= least_alike; ++i) {
+        const std::uint32_t group = alike_lanes(direction, lengths2, left);
+        if (std::popcount(group) >= least_alike) {
+            take(group);
+            which &= ~group;
+        }
+        left &= ~group;
+    }
+    return which;
+}
 
 inline Context lane_context(const BatchScene& b, const Paths& paths, std::uint32_t slot,
                             RayCounts& counts) {
@@ -38,7 +71,7 @@ inline void set_hit(Paths& paths, std::uint32_t slot, const Hit& hit) {
 
 /// Rays in the slots from `begin` on, those of the bits of `which`.
 inline void trace_packet(const BatchScene& b, Paths& paths, std::uint32_t begin,
-                         std::uint32_t which, bool camera_rays) {
+                         std::uint32_t which, bool camera_rays, bool coherent) {
     RayPacket<lanes> p;
     p.prepare();
     const auto copy = [&](float* to, const Plane& plane) {
@@ -59,10 +92,9 @@ inline void trace_packet(const BatchScene& b, Paths& paths, std::uint32_t begin,
     }
     const M mask = M::of_bits(which);
     store(reinterpret_cast<std::uint32_t*>(p.valid), select(mask, U(0xffffffffu), U(0u)));
-    b.accel.intersect(p, camera_rays);
-    const U slots = U(begin) + iota<U>();
+    b.accel.intersect(p, coherent);
     const auto put = [&](Plane& plane, const float* from) {
-        plane.put(mask, slots, load(from));
+        store(mask, plane.at + begin, load(from));
     };
     put(paths.hit_t, p.t_far);
     put(paths.hit_u, p.u);
@@ -70,9 +102,9 @@ inline void trace_packet(const BatchScene& b, Paths& paths, std::uint32_t begin,
     put(paths.hit_normal.x, p.normal_x);
     put(paths.hit_normal.y, p.normal_y);
     put(paths.hit_normal.z, p.normal_z);
-    scatter(mask, paths.geometry.at, slots, load(p.geometry));
-    scatter(mask, paths.primitive.at, slots, load(p.primitive));
-    scatter(mask, paths.instance.at, slots, load(p.instance));
+    store(mask, paths.geometry.at + begin, load(p.geometry));
+    store(mask, paths.primitive.at + begin, load(p.primitive));
+    store(mask, paths.instance.at + begin, load(p.instance));
 }
 
 /// Rays of the slots against all triangles of a scene that has only a few.
@@ -132,14 +164,24 @@ inline void trace_paths(const BatchScene& b, Paths& paths, const Indices& active
             which |= 1u << (active.at[end] - home);
             ++end;
         }
-        if (end - i >= least_packet) {
-            trace_packet(b, paths, home, which, camera_rays);
-        } else {
-            for (int k = i; k < end; ++k) {
-                const std::uint32_t slot = active.at[k];
-                set_hit(paths, slot,
-                        b.accel.intersect(lane_ray(paths, slot, camera_rays)));
+        if (camera_rays) {
+            if (std::popcount(which) >= least_packet) {
+                trace_packet(b, paths, home, which, true, true);
+                which = 0;
             }
+        } else {
+            which = take_alike(paths.direction.load_at(static_cast<int>(home)), which,
+                               [&](std::uint32_t alike) {
+                                   trace_packet(b, paths, home, alike, false, true);
+                               });
+            if (std::popcount(which) >= least_packet) {
+                trace_packet(b, paths, home, which, false, false);
+                which = 0;
+            }
+        }
+        for (; which != 0; which &= which - 1) {
+            const auto slot = home + static_cast<std::uint32_t>(std::countr_zero(which));
+            set_hit(paths, slot, b.accel.intersect(lane_ray(paths, slot, camera_rays)));
         }
         i = end;
     }
