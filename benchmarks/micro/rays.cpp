@@ -21,8 +21,8 @@ void add_vertex(RaySet& rays, const View& view, const Ray& ray, const Hit& hit,
     rays.bounce.push_back(
         {p, frame_of_normal(normal).to_world(sample_cosine_hemisphere(u[0], u[1]))});
     const auto choice = choose_light(view.scene, LightReceiver{p, normal}, w[0]);
-    const LightSample light =
-        sample_light(view.scene, view.scene.lights[choice.light], p, w[1], w[2]);
+    const LightSample light = sample_light(view.scene, view.scene.lights[choice.light],
+                                           {p, normal}, w[1], w[2], w[3]);
     if (dot(light.direction, normal) > 0) {
         rays.shadow.push_back(
             {p, light.direction, 0.0f,

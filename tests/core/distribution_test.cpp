@@ -1,7 +1,6 @@
-#include "sampling/distribution.h"
-
 #include <gtest/gtest.h>
 
+#include "sampling/block_distribution.h"
 #include "statistics.h"
 
 namespace raykiln {
@@ -129,6 +128,8 @@ const std::vector<Grid>& grids() {
         std::vector<Grid> g{{1, 1, {3.0f}},
                             {16, 8, spread_weights(128, 37)},
                             {5, 7, spread_weights(35, 38)},
+                            // Blocks of two and three cells, and of one and two.
+                            {77, 19, spread_weights(77 * 19, 39)},
                             {64, 32, spread_weights(2048, 39)}};
         for (int x = 0; x < 16; ++x) {
             g[1].weights[3 * 16 + static_cast<std::size_t>(x)] = 0.0f;  // a whole row
@@ -138,88 +139,147 @@ const std::vector<Grid>& grids() {
     return all;
 }
 
-TEST(Distribution2D, DensityIntegratesToOne) {
+/// A distribution with three views: the weights themselves, blocks alike, and blocks with
+/// weights of their own, some of them 0.
+BlockDistribution blocks_of(const Grid& g) {
+    BlockDistribution d(g.weights, g.width, g.height);
+    const std::size_t n = d.masses().size();
+    d.add_view(d.masses());
+    d.add_view(std::vector<double>(n, 0.0));
+    const auto own = spread_weights(n, 42);
+    d.add_view({own.begin(), own.end()});
+    return d;
+}
+
+constexpr ViewMix<float> as_weighted{{0, 0, 0}, {1.0f, 0.0f, 0.0f}};
+constexpr ViewMix<float> mixed{{0, 1, 2}, {0.5f, 0.125f, 0.375f}};
+
+std::size_t cell_of(const Grid& g, Vec2f at) {
+    const int x =
+        std::min(static_cast<int>(at.x * static_cast<float>(g.width)), g.width - 1);
+    const int y =
+        std::min(static_cast<int>(at.y * static_cast<float>(g.height)), g.height - 1);
+    return static_cast<std::size_t>(y * g.width + x);
+}
+
+/// Probabilities of the cells, by the density in their middle.
+std::vector<double> masses_of_cells(const BlockDistribution& d, const Grid& g,
+                                    const ViewMix<float>& views) {
+    std::vector<double> masses;
+    for (int y = 0; y < g.height; ++y) {
+        for (int x = 0; x < g.width; ++x) {
+            const Vec2f at{(static_cast<float>(x) + 0.5f) / static_cast<float>(g.width),
+                           (static_cast<float>(y) + 0.5f) / static_cast<float>(g.height)};
+            masses.push_back(d.pdf(views, at) / (double(g.width) * g.height));
+        }
+    }
+    return masses;
+}
+
+TEST(BlockDistribution, DensityIsThatOfTheWeights) {
     for (const Grid& g : grids()) {
-        const Distribution2D d(g.weights, g.width, g.height);
+        const auto masses = masses_of_cells(blocks_of(g), g, as_weighted);
         const auto expected = scaled_to(g.weights, 1.0);
-        double sum = 0;
-        for (int y = 0; y < g.height; ++y) {
-            for (int x = 0; x < g.width; ++x) {
-                const Vec2f at{
-                    (static_cast<float>(x) + 0.5f) / static_cast<float>(g.width),
-                    (static_cast<float>(y) + 0.5f) / static_cast<float>(g.height)};
-                const double mass = d.pdf(at) / (double(g.width) * g.height);
-                // The tables hold sums up to 1 rounded to 6e-8, and differences of them.
-                const auto cell = static_cast<std::size_t>(y * g.width + x);
-                EXPECT_NEAR(mass, expected[cell], 2.4e-7);
-                sum += mass;
-            }
+        for (std::size_t cell = 0; cell < masses.size(); ++cell) {
+            // The tables hold sums up to 1 rounded to 6e-8, and differences of them.
+            EXPECT_NEAR(masses[cell], expected[cell], 4.8e-7);
         }
-        EXPECT_NEAR(sum, 1.0, 1e-6);
     }
 }
 
-TEST(Distribution2D, DrawsWithItsDensity) {
+TEST(BlockDistribution, DensityIntegratesToOne) {
     for (const Grid& g : grids()) {
-        const Distribution2D d(g.weights, g.width, g.height);
-        std::vector<double> counts(g.weights.size());
-        test::UniformTally within(16 * 16);
-        Rng rng(40);
-        for (int i = 0; i < samples; ++i) {
-            float pdf;
-            const Vec2f at = d.sample(rng.unit(), rng.unit(), pdf);
-            ASSERT_GT(pdf, 0.0f);
-            const float x = at.x * static_cast<float>(g.width);
-            const float y = at.y * static_cast<float>(g.height);
-            const int ix = std::min(static_cast<int>(x), g.width - 1);
-            const int iy = std::min(static_cast<int>(y), g.height - 1);
-            const auto cell = static_cast<std::size_t>(iy * g.width + ix);
-            if (g.weights[cell] == 0.0f) {
-                // Only by rounding at the upper edge of the cell before: a half ulp each
-                // in the sum and the quotient of `sample` and in the product here.
-                const float ulps = 1.5f * 0x1p-23f;
-                ASSERT_TRUE(x - static_cast<float>(ix) <= x * ulps ||
-                            y - static_cast<float>(iy) <= y * ulps)
-                    << "drew a cell of weight 0";
-                continue;
-            }
-            counts[cell] += 1;
-            if (g.width == 1) {
-                within.add_bin(static_cast<std::size_t>(y * 16) * 16 +
-                               static_cast<std::size_t>(x * 16));
-            }
-        }
-        const auto result = test::chi_squared_test(counts, scaled_to(g.weights, samples));
-        EXPECT_GT(result.p_value, test::sidak(grids().size())) << result;
-        if (g.width == 1) {
-            EXPECT_GT(within.test().p_value, 0.01) << within.test();
+        const BlockDistribution d = blocks_of(g);
+        for (std::uint32_t view = 0; view < 3; ++view) {
+            const ViewMix<float> alone{{view, 0, 0}, {1.0f, 0.0f, 0.0f}};
+            const auto masses = masses_of_cells(d, g, alone);
+            EXPECT_NEAR(std::accumulate(masses.begin(), masses.end(), 0.0), 1.0, 2e-6);
         }
     }
 }
 
-TEST(Distribution2D, SampledDensityIsTheDensityThere) {
+TEST(BlockDistribution, DrawsWithItsDensity) {
+    for (const Grid& g : grids()) {
+        const BlockDistribution d = blocks_of(g);
+        for (const ViewMix<float>& views : {as_weighted, mixed}) {
+            auto expected = masses_of_cells(d, g, views);
+            std::vector<double> counts(expected.size());
+            test::UniformTally within(16 * 16);
+            Rng rng(40);
+            for (int i = 0; i < samples; ++i) {
+                float pdf;
+                const Vec2f at = d.sample(views, rng.unit(), rng.unit(), rng.unit(), pdf);
+                ASSERT_GT(pdf, 0.0f);
+                const std::size_t cell = cell_of(g, at);
+                if (expected[cell] == 0.0) {
+                    // Only by rounding at the upper edge of the cell before: a half ulp
+                    // each in the sum and the quotient of `sample` and in the product
+                    // here.
+                    const float x = at.x * static_cast<float>(g.width);
+                    const float y = at.y * static_cast<float>(g.height);
+                    const float ulps = 1.5f * 0x1p-23f;
+                    ASSERT_TRUE(x - std::floor(x) <= x * ulps ||
+                                y - std::floor(y) <= y * ulps)
+                        << "drew a cell of weight 0";
+                    continue;
+                }
+                counts[cell] += 1;
+                if (g.width == 1) {
+                    within.add_bin(static_cast<std::size_t>(at.y * 16) * 16 +
+                                   static_cast<std::size_t>(at.x * 16));
+                }
+            }
+            for (double& e : expected) {
+                e *= samples;
+            }
+            const auto result = test::chi_squared_test(counts, expected);
+            EXPECT_GT(result.p_value, test::sidak(2 * grids().size())) << result;
+            if (g.width == 1) {
+                EXPECT_GT(within.test().p_value, 0.01) << within.test();
+            }
+        }
+    }
+}
+
+TEST(BlockDistribution, SampledDensityIsTheDensityThere) {
     // A grid of powers of two, where cells are told apart exactly.
     const Grid& g = grids()[1];
-    const Distribution2D d(g.weights, g.width, g.height);
+    const BlockDistribution d = blocks_of(g);
     Rng rng(41);
     for (int i = 0; i < 100000; ++i) {
         float pdf;
-        const Vec2f at = d.sample(rng.unit(), rng.unit(), pdf);
-        ASSERT_EQ(pdf, d.pdf(at));
+        const Vec2f at = d.sample(mixed, rng.unit(), rng.unit(), rng.unit(), pdf);
+        ASSERT_EQ(pdf, d.pdf(mixed, at));
     }
 }
 
-TEST(Distribution2D, EndsOfTheUnitSquareDrawNoEmptyCell) {
-    // The first and last column, and the first and last row, are empty.
-    std::vector<float> weights(25, 1.0f);
-    for (std::size_t i = 0; i < 5; ++i) {
-        weights[i] = weights[20 + i] = weights[5 * i] = weights[5 * i + 4] = 0.0f;
+TEST(BlockDistribution, StrataStayTogether) {
+    // Where all cells and blocks are alike, points are where (u, v) is.
+    const Grid even{64, 32, std::vector<float>(2048, 1.0f)};
+    const BlockDistribution d = blocks_of(even);
+    for (int i = 0; i < 256; ++i) {
+        float pdf;
+        const float u = static_cast<float>(i) / 256.0f,
+                    v = static_cast<float>(i) / 512.0f;
+        const Vec2f at = d.sample(as_weighted, u, v, 0.0f, pdf);
+        EXPECT_NEAR(at.x, u, 1e-6f);
+        EXPECT_NEAR(at.y, v, 1e-6f);
+        EXPECT_NEAR(pdf, 1.0f, 1e-5f);
     }
-    const Distribution2D d(weights, 5, 5);
+}
+
+TEST(BlockDistribution, EndsOfTheUnitSquareDrawNoEmptyCell) {
+    // The first and last column, and the first and last row, are empty.
+    Grid g{5, 5, std::vector<float>(25, 1.0f)};
+    for (std::size_t i = 0; i < 5; ++i) {
+        g.weights[i] = g.weights[20 + i] = 0.0f;
+        g.weights[5 * i] = g.weights[5 * i + 4] = 0.0f;
+    }
+    const BlockDistribution d = blocks_of(g);
     for (const float u : {0.0f, 0x1p-24f, 0.5f, one_minus_epsilon}) {
         for (const float v : {0.0f, 0x1p-24f, 0.5f, one_minus_epsilon}) {
             float pdf;
-            const Vec2f at = d.sample(u, v, pdf);
+            const Vec2f at = d.sample(as_weighted, u, v, u, pdf);
             EXPECT_GT(pdf, 0.0f) << u << ", " << v;
             EXPECT_TRUE(at.x >= 0.2f && at.x <= 0.8f && at.y >= 0.2f && at.y <= 0.8f);
         }

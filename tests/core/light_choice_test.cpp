@@ -117,8 +117,8 @@ TEST(LightChoice, LeavesOutNoLightThatReachesTheReceiver) {
     for (int i = 0; i < 5000; ++i) {
         const LightReceiver receiver = random_receiver(rng);
         for (std::uint32_t light = 0; light < count_of(scene); ++light) {
-            const LightSample s = sample_light(scene, scene.lights[light], receiver.p,
-                                               rng.unit(), rng.unit());
+            const LightSample s = sample_light(scene, scene.lights[light], receiver,
+                                               rng.unit(), rng.unit(), rng.unit());
             const bool any_side = length_squared(receiver.normal) == 0.0f;
             if (max_component(s.radiance) <= 0.0f ||
                 !(any_side || dot(s.direction, receiver.normal) > 0.0f)) {
@@ -304,8 +304,8 @@ TEST(SurfaceLights, TextureOfAParallelogramIsWhereItsTrianglesHaveIt) {
     checker.color1 = Vec3f(5.0f);
     Rng rng(151);
     for (int i = 0; i < 10000; ++i) {
-        const LightSample s =
-            sample_light(scene, scene.lights[0], {0.3f, 0.2f, 3}, rng.unit(), rng.unit());
+        const LightSample s = sample_light(scene, scene.lights[0], {{0.3f, 0.2f, 3}},
+                                           rng.unit(), rng.unit(), 0);
         const float x = s.point.x, y = s.point.y;
         if (std::fabs(x - 0.5f) > 1e-3f && std::fabs(y - 0.5f) > 1e-3f) {
             ASSERT_EQ(s.radiance.x, (x < 0.5f) == (y < 0.5f) ? 1.0f : 5.0f);

@@ -3,7 +3,6 @@
 #include <gtest/gtest.h>
 
 #include "accel/sphere_geometry.h"
-#include "light/environment.h"
 #include "shapes.h"
 
 // Lights: directions drawn against their density, radiance and position against closed
@@ -60,7 +59,7 @@ void expect_density(const Light& light, const Vec3f& p, const Pdf& pdf, const Tu
     std::vector<double> observed(expected.size());
     Rng rng(seed);
     for (int i = 0; i < samples; ++i) {
-        const LightSample s = sample_light(scene, light, p, rng.unit(), rng.unit());
+        const LightSample s = sample_light(scene, light, {p}, rng.unit(), rng.unit(), 0);
         ASSERT_GT(s.pdf_solid_angle, 0.0f);
         observed[test::bin_of(turn(s.direction))] += 1;
     }
@@ -125,135 +124,6 @@ TEST(SphereLight, DirectionsFollowTheDensity) {
     }
 }
 
-/// Bins about +z are the map's own rows and columns when its y axis is turned there.
-Vec3f z_of_y(const Vec3f& d) {
-    return {-d.z, d.x, d.y};
-}
-Vec3f y_of_z(const Vec3f& d) {
-    return {d.y, d.z, -d.x};
-}
-
-/// A map of 16 x 8 with a hot texel, dark areas and a black half.
-std::vector<Texture> sky_texture() {
-    Rng rng(113);
-    auto pixels = std::make_shared<std::vector<float>>();
-    for (int y = 0; y < 8; ++y) {
-        for (int x = 0; x < 16; ++x) {
-            const float value = x == 5 && y == 2 ? 50.0f : y > 4 ? 0.0f : rng.unit();
-            pixels->insert(pixels->end(), {value, 0.5f * value, 0.25f * value});
-        }
-    }
-    ImageTexture image;
-    image.pixels = pixels->data();
-    image.owner = pixels;
-    image.width = 16;
-    image.height = 8;
-    image.channels = 3;
-    image.format = PixelFormat::f32;
-    image.wrap_v = TextureWrap::clamp;
-    return {image};
-}
-
-EnvironmentLight sky(const std::vector<Texture>& textures) {
-    EnvironmentLight light;
-    light.map = 0;
-    prepare_environment(light, textures);
-    return light;
-}
-
-TEST(EnvironmentLight, DirectionsFollowTheDensity) {
-    const auto textures = sky_texture();
-    const EnvironmentLight light = sky(textures);
-    const auto pdf = [&](const Vec3f& d) { return pdf_environment(light, y_of_z(d)); };
-    auto expected = test::integrate_over_bins(pdf, 6);
-    const double mass = std::accumulate(expected.begin(), expected.end(), 0.0);
-    EXPECT_NEAR(mass, 1.0, 5e-4);
-    std::vector<double> observed(expected.size());
-    Rng rng(114);
-    for (int i = 0; i < samples; ++i) {
-        float density;
-        const Vec3f d = sample_environment(light, rng.unit(), rng.unit(), density);
-        observed[test::bin_of(z_of_y(d))] += 1;
-    }
-    for (double& e : expected) {
-        e *= samples / mass;
-    }
-    const auto result = test::chi_squared_test(observed, expected);
-    EXPECT_GT(result.p_value, test::sidak(tests)) << result;
-}
-
-TEST(EnvironmentLight, ConstantIsUniform) {
-    const auto pdf = [](const Vec3f&) { return 0.25f * inv_pi; };
-    expect_density(EnvironmentLight{}, {1, 2, 3}, pdf, as_is, 115);
-    EXPECT_EQ(pdf_environment(EnvironmentLight{}, Vec3f{0, 1, 0}), 0.25f * inv_pi);
-}
-
-TEST(EnvironmentLight, SampledDensityIsTheDensityThere) {
-    const auto textures = sky_texture();
-    EnvironmentLight light = sky(textures);
-    light.world_from_light = frame_of_normal(normalize(Vec3f(1, 2, 3)));
-    Rng rng(116);
-    int same = 0;
-    for (int i = 0; i < 100000; ++i) {
-        float density;
-        const Vec3f d = sample_environment(light, rng.unit(), rng.unit(), density);
-        ASSERT_NEAR(length(d), 1.0f, 2e-6f);
-        // Back through arc tangent and cosine a point may round into the next cell:
-        // within 1e-6 of an edge, of cells 1/16 wide.
-        same += std::fabs(pdf_environment(light, d) / density - 1.0f) < 1e-4f;
-    }
-    EXPECT_GT(same, 100000 - 20);
-}
-
-TEST(EnvironmentLight, EveryLitDirectionCanBeDrawn) {
-    const auto textures = sky_texture();
-    const EnvironmentLight light = sky(textures);
-    Rng rng(117);
-    int lit = 0;
-    for (int i = 0; i < 100000; ++i) {
-        const Vec3f d = test::random_direction(rng);
-        if (luminance(environment_radiance(light, textures, d)) > 0.0f) {
-            ++lit;
-            ASSERT_GT(pdf_environment(light, d), 0.0f);
-        }
-    }
-    EXPECT_GT(lit, 50000);
-}
-
-TEST(EnvironmentLight, ImportanceSamplingKeepsTheIntegral) {
-    const auto textures = sky_texture();
-    const EnvironmentLight light = sky(textures);
-    Rng rng(118);
-    test::Moments uniform, drawn;
-    for (int i = 0; i < samples; ++i) {
-        float density;
-        const Vec3f d = sample_environment(light, rng.unit(), rng.unit(), density);
-        drawn.add(luminance(environment_radiance(light, textures, d)) / density);
-        const Vec3f any = test::random_direction(rng);
-        uniform.add(luminance(environment_radiance(light, textures, any)) * 4 * pi);
-    }
-    const double error = std::hypot(drawn.standard_error(), uniform.standard_error());
-    EXPECT_GT(test::normal_two_sided((drawn.mean() - uniform.mean()) / error), 0.01);
-    // It is worth its cost: the hot texel no longer makes the noise.
-    EXPECT_LT(drawn.standard_error(), 0.25 * uniform.standard_error());
-}
-
-TEST(EnvironmentLight, MapIsLaidOutAsItsSceneSays) {
-    // The middle of the map is at -z turned half round: u = atan2(x, -z) / 2 pi.
-    const auto expect_uv = [](const Vec3f& d, float u, float v) {
-        const Vec2f uv = uv_of_direction(d);
-        EXPECT_NEAR(uv.x, u, 1e-6f);
-        EXPECT_NEAR(uv.y, v, 1e-6f);
-        EXPECT_LT(length(direction_of_uv(Vec2f{u, v}) - d), 2e-6f);
-    };
-    expect_uv({0, 0, -1}, 0.0f, 0.5f);
-    expect_uv({1, 0, 0}, 0.25f, 0.5f);
-    expect_uv({0, 0, 1}, 0.5f, 0.5f);
-    expect_uv({-1, 0, 0}, 0.75f, 0.5f);
-    EXPECT_NEAR(uv_of_direction(Vec3f(0, 1, 0)).y, 0.0f, 1e-6f);
-    EXPECT_NEAR(uv_of_direction(Vec3f(0, -1, 0)).y, 1.0f, 1e-6f);
-}
-
 // Points, radiance and irradiance.
 
 TEST(SurfaceLight, SamplesLieOnTheLight) {
@@ -264,8 +134,10 @@ TEST(SurfaceLight, SamplesLieOnTheLight) {
     Rng rng(119);
     for (const Vec3f& p : points) {
         for (int i = 0; i < 20000; ++i) {
-            const LightSample on_t = sample_light(scene, t, p, rng.unit(), rng.unit());
-            const LightSample on_s = sample_light(scene, s, p, rng.unit(), rng.unit());
+            const LightSample on_t =
+                sample_light(scene, t, {p}, rng.unit(), rng.unit(), 0);
+            const LightSample on_s =
+                sample_light(scene, s, {p}, rng.unit(), rng.unit(), 0);
             for (const LightSample& l : {on_t, on_s}) {
                 ASSERT_NEAR(length(l.direction), 1.0f, 1e-6f);
                 // Moved off by 64 ulp of coordinates up to 3.
@@ -293,16 +165,16 @@ TEST(SurfaceLight, EmitsToItsFrontUnlessTwoSided) {
     TriangleLight t = triangle_light();
     const Vec3f middle = t.p0 + (t.edge1 + t.edge2) * 0.3f;
     const Vec3f front = middle + t.normal, back = middle - t.normal;
-    EXPECT_EQ(sample_light(scene, t, front, 0.3f, 0.3f).radiance.x, 3.0f);
-    EXPECT_EQ(sample_light(scene, t, back, 0.3f, 0.3f).radiance.x, 0.0f);
+    EXPECT_EQ(sample_light(scene, t, {front}, 0.3f, 0.3f, 0).radiance.x, 3.0f);
+    EXPECT_EQ(sample_light(scene, t, {back}, 0.3f, 0.3f, 0).radiance.x, 0.0f);
     t.emission = 1;
-    EXPECT_EQ(sample_light(scene, t, back, 0.3f, 0.3f).radiance.x, 3.0f);
+    EXPECT_EQ(sample_light(scene, t, {back}, 0.3f, 0.3f, 0).radiance.x, 3.0f);
     SphereLight s{{0, 0, 0}, 1.0f, false, 0};
-    EXPECT_EQ(sample_light(scene, s, {0, 0, 3}, 0.3f, 0.3f).radiance.y, 2.0f);
-    EXPECT_EQ(sample_light(scene, s, {0, 0, 0.5f}, 0.3f, 0.3f).radiance.y, 0.0f);
+    EXPECT_EQ(sample_light(scene, s, {{0, 0, 3}}, 0.3f, 0.3f, 0).radiance.y, 2.0f);
+    EXPECT_EQ(sample_light(scene, s, {{0, 0, 0.5f}}, 0.3f, 0.3f, 0).radiance.y, 0.0f);
     s.inward = true;
-    EXPECT_EQ(sample_light(scene, s, {0, 0, 3}, 0.3f, 0.3f).radiance.y, 0.0f);
-    EXPECT_EQ(sample_light(scene, s, {0, 0, 0.5f}, 0.3f, 0.3f).radiance.y, 2.0f);
+    EXPECT_EQ(sample_light(scene, s, {{0, 0, 3}}, 0.3f, 0.3f, 0).radiance.y, 0.0f);
+    EXPECT_EQ(sample_light(scene, s, {{0, 0, 0.5f}}, 0.3f, 0.3f, 0).radiance.y, 2.0f);
 }
 
 /// Irradiance of a light on a surface element, by its own sampling.
@@ -312,7 +184,7 @@ test::Moments irradiance(const Light& light, const Vec3f& p, const Vec3f& normal
     Rng rng(seed);
     test::Moments e;
     for (int i = 0; i < samples; ++i) {
-        const LightSample s = sample_light(scene, light, p, rng.unit(), rng.unit());
+        const LightSample s = sample_light(scene, light, {p}, rng.unit(), rng.unit(), 0);
         const float cosine = max(dot(s.direction, normal), 0.0f);
         e.add(s.pdf_solid_angle > 0.0f ? s.radiance.x * cosine / s.pdf_solid_angle : 0.0);
     }
@@ -380,22 +252,22 @@ TEST(SurfaceLight, IrradianceOfATriangle) {
 TEST(DeltaLight, InverseSquareAndCones) {
     const Scene scene = lit_scene();
     const PointLight point{{0, 0, 2}, {8, 4, 2}};
-    const LightSample a = sample_light(scene, point, {0, 0, 0}, 0.5f, 0.5f);
+    const LightSample a = sample_light(scene, point, {{0, 0, 0}}, 0.5f, 0.5f, 0);
     EXPECT_FLOAT_EQ(a.radiance.x, 2.0f);
     EXPECT_EQ(a.direction.z, 1.0f);
     EXPECT_TRUE(a.delta);
-    EXPECT_EQ(sample_light(scene, point, {0, 0, 2}, 0.5f, 0.5f).radiance.x, 0.0f);
+    EXPECT_EQ(sample_light(scene, point, {{0, 0, 2}}, 0.5f, 0.5f, 0).radiance.x, 0.0f);
 
     const SpotLight spot{{0, 0, 2}, {0, 0, -1}, {8, 8, 8}, 0.95f, 0.9f};
-    EXPECT_FLOAT_EQ(sample_light(scene, spot, {0, 0, 0}, 0, 0).radiance.x, 2.0f);
-    EXPECT_EQ(sample_light(scene, spot, {0, 0, 4}, 0, 0).radiance.x, 0.0f);
+    EXPECT_FLOAT_EQ(sample_light(scene, spot, {{0, 0, 0}}, 0, 0, 0).radiance.x, 2.0f);
+    EXPECT_EQ(sample_light(scene, spot, {{0, 0, 4}}, 0, 0, 0).radiance.x, 0.0f);
     // At a cosine of 0.925, half-way between the cones: the falloff is 1/2 squared.
     const float aside = 2.0f * std::sqrt(1 / (0.925f * 0.925f) - 1);
-    const auto edge = sample_light(scene, spot, {aside, 0, 0}, 0, 0);
+    const auto edge = sample_light(scene, spot, {{aside, 0, 0}}, 0, 0, 0);
     EXPECT_NEAR(edge.radiance.x, 0.25f * 8 / (4 + aside * aside), 1e-4f);
 
     const DirectionalLight sun{{0, -1, 0}, {5, 5, 5}};
-    const auto noon = sample_light(scene, sun, {9, 9, 9}, 0, 0);
+    const auto noon = sample_light(scene, sun, {{9, 9, 9}}, 0, 0, 0);
     EXPECT_TRUE(noon.infinite && noon.delta);
     EXPECT_EQ(noon.direction.y, 1.0f);
     EXPECT_EQ(noon.radiance.x, 5.0f);

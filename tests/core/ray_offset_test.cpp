@@ -178,8 +178,8 @@ TEST(SpawnedRays, ShadowRaysEndBeforeTheLight) {
         const Ray down{{rng.between(-8, 8), 1, rng.between(-8, 8)}, {0, -1, 0}};
         const auto from = trace_one(scene, accel, down);
         ASSERT_TRUE(from.hit.valid());
-        const LightSample light =
-            sample_light(scene, scene.lights[0], from.surface.p, rng.unit(), rng.unit());
+        const LightSample light = sample_light(scene, scene.lights[0], {from.surface.p},
+                                               rng.unit(), rng.unit(), 0);
         if (light.pdf_solid_angle <= 0.0f) {
             continue;
         }

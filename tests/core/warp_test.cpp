@@ -165,6 +165,8 @@ TEST(Warp, MisWeightsOfTwoStrategiesAddToOne) {
     }
     EXPECT_EQ(mis_weight(1.0f, 0.0f), 1.0f);
     EXPECT_FLOAT_EQ(mis_weight(3.0f, 1.0f), 0.9f);
+    EXPECT_FLOAT_EQ(mis_weight_of_light(3.0f, 1.0f) + mis_weight_of_bsdf(1.0f, 3.0f),
+                    1.0f);
 }
 
 }  // namespace

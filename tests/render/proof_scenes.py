@@ -45,6 +45,17 @@ def environment() -> rk.Scene:
     return scene
 
 
+def glass_under_a_sky() -> rk.Scene:
+    """Frosted glass, which takes light from all sides, under a turned map with a sun."""
+    scene = _room(rk.Diffuse(reflectance=0.4))
+    scene.add_sphere((0, 1, 0), 0.9, rk.Dielectric(alpha=0.4))
+    pixels = np.full((18, 37, 3), 0.3, np.float32)
+    pixels[3:5, 11:13] = 40, 35, 20
+    turned = [[0.6, 0, 0.8, 0], [0, 1, 0, 0], [-0.8, 0, 0.6, 0], [0, 0, 0, 1]]
+    scene.add_light(rk.EnvironmentLight(pixels=pixels, transform=turned))
+    return scene
+
+
 def rough_glass() -> rk.Scene:
     """Frosted glass, a lamp behind it and a constant sky."""
     scene = _room(rk.Diffuse(reflectance=0.6))
@@ -85,6 +96,7 @@ def inside_a_lamp() -> rk.Scene:
 SCENES: dict[str, Callable[[], rk.Scene]] = {
     make.__name__: make
     for make in (
-        area_light, glossy_lamps, environment, rough_glass, cut_out_instances, inside_a_lamp,
+        area_light, glossy_lamps, environment, glass_under_a_sky, rough_glass,
+        cut_out_instances, inside_a_lamp,
     )
 }  # fmt: skip

@@ -47,7 +47,7 @@ float weight_of_bsdf(const Context& c, float pdf_bsdf, float pdf_light) {
         case Strategy::mis:
             break;
     }
-    return mis_weight(pdf_bsdf, pdf_light);
+    return mis_weight_of_bsdf(pdf_bsdf, pdf_light);
 }
 
 float weight_of_light(const Context& c, const LightSample& light, float pdf_light,
@@ -55,8 +55,9 @@ float weight_of_light(const Context& c, const LightSample& light, float pdf_ligh
     if (light.delta || c.settings.strategy == Strategy::light_only) {
         return 1.0f;
     }
-    return c.settings.strategy == Strategy::bsdf_only ? 0.0f
-                                                      : mis_weight(pdf_light, pdf_bsdf);
+    return c.settings.strategy == Strategy::bsdf_only
+               ? 0.0f
+               : mis_weight_of_light(pdf_light, pdf_bsdf);
 }
 
 }  // namespace
@@ -77,7 +78,7 @@ Vec3f escaped_radiance(const Context& c, const Vec3f& direction, const Origin& o
             sum += radiance;
             continue;
         }
-        const float pdf = pdf_environment(*light, direction) *
+        const float pdf = pdf_environment(*light, origin.receiver.normal, direction) *
                           pmf_of_light(c.scene, origin.receiver, index);
         sum += radiance * weight_of_bsdf(c, origin.pdf_bsdf, pdf);
     }
@@ -108,12 +109,13 @@ Vec3f sample_direct_light(const Context& c, const Surface& s, const Bsdf& bsdf,
     }
     // Choose a light by what it may contribute here, and a direction towards it.
     const Sample4<float> u = c.draw(light_group(vertex));
-    const LightTree::Choice choice = choose_light(c.scene, receiver_of(s, bsdf), u[0]);
+    const LightReceiver receiver = receiver_of(s, bsdf);
+    const LightTree::Choice choice = choose_light(c.scene, receiver, u[0]);
     if (choice.pmf <= 0.0f) {
         return Vec3f(0.0f);
     }
     const LightSample light =
-        sample_light(c.scene, c.scene.lights[choice.light], s.p, u[1], u[2]);
+        sample_light(c.scene, c.scene.lights[choice.light], receiver, u[1], u[2], u[3]);
     if (!(light.pdf_solid_angle > 0.0f) || max_component(light.radiance) <= 0.0f) {
         return Vec3f(0.0f);
     }

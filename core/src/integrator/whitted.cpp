@@ -42,8 +42,8 @@ Vec3f direct_light(const Context& c, const Surface& s, const Bsdf& bsdf,
         if (choice.pmf <= 0.0f) {
             continue;
         }
-        const LightSample light =
-            sample_light(c.scene, c.scene.lights[choice.light], s.p, u[1], u[2]);
+        const LightSample light = sample_light(c.scene, c.scene.lights[choice.light],
+                                               receiver, u[1], u[2], u[3]);
         if (!(light.pdf_solid_angle > 0.0f) || max_component(light.radiance) <= 0.0f) {
             continue;
         }

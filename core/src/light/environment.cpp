@@ -12,6 +12,95 @@ const Texture& map_of(const EnvironmentLight& light,
     return textures[static_cast<std::size_t>(light.map)];
 }
 
+/// Directions over a block, its edges included, and what each is of its solid angle.
+struct Directions {
+    static constexpr std::size_t side = 4, count = side * side;
+    float x[count], y[count], z[count], share[count];
+};
+
+Directions directions_of_block(float left, float right, float top, float bottom) {
+    Directions d;
+    float sum = 0;
+    for (std::size_t i = 0; i < Directions::count; ++i) {
+        const auto place = [&](std::size_t at) {
+            return static_cast<float>(at) / static_cast<float>(Directions::side - 1);
+        };
+        const Vec2f uv{lerp(left, right, place(i % Directions::side)),
+                       lerp(top, bottom, place(i / Directions::side))};
+        const Vec3f direction = direction_of_uv(uv);
+        d.x[i] = direction.x;
+        d.y[i] = direction.y;
+        d.z[i] = direction.z;
+        d.share[i] = sine_to_axis(direction);
+        sum += d.share[i];
+    }
+    for (float& share : d.share) {
+        share /= sum;
+    }
+    return d;
+}
+
+std::vector<Directions> directions_of_blocks(const BlockDistribution& blocks, int width,
+                                             int height) {
+    const auto edge = [](std::uint32_t cell, int cells) {
+        return static_cast<float>(cell) / static_cast<float>(cells);
+    };
+    const auto& xs = blocks.column_starts();
+    const auto& ys = blocks.row_starts();
+    std::vector<Directions> all;
+    for (std::size_t row = 0; row < blocks.block_rows(); ++row) {
+        for (std::size_t column = 0; column < blocks.block_columns(); ++column) {
+            all.push_back(
+                directions_of_block(edge(xs[column], width), edge(xs[column + 1], width),
+                                    edge(ys[row], height), edge(ys[row + 1], height)));
+        }
+    }
+    return all;
+}
+
+/// The mean over a block of what a surface makes of light by its cosine.
+float mean_cosine(const Directions& d, const Vec3f& normal) {
+    float sum = 0;
+    for (std::size_t i = 0; i < Directions::count; ++i) {
+        const float cosine = d.x[i] * normal.x + d.y[i] * normal.y + d.z[i] * normal.z;
+        sum += max(cosine, 0.0f) * d.share[i];
+    }
+    return sum;
+}
+
+Vec3f normal_of_view(std::uint32_t view) {
+    const auto place = [](std::uint32_t vertex) {
+        return static_cast<float>(vertex) / static_cast<float>(normal_steps) - 1.0f;
+    };
+    float x = place(view % normal_side), z = place(view / normal_side);
+    const float y = 1.0f - std::fabs(x) - std::fabs(z);
+    if (y < 0.0f) {
+        const float unfolded = std::copysign(1.0f - std::fabs(z), x);
+        z = std::copysign(1.0f - std::fabs(x), z);
+        x = unfolded;
+    }
+    return normalize(Vec3f(x, y, z));
+}
+
+/// The least that the cosine counts, so that no light is left out by rounding. It is
+/// small: a sun can be a thousand times the rest of the sky.
+constexpr float least_cosine = 0.002f;
+
+void add_views(BlockDistribution& distribution, int width, int height) {
+    const std::vector<double> masses = distribution.masses();
+    const auto directions = directions_of_blocks(distribution, width, height);
+    std::vector<double> weights(masses.size());
+    for (std::uint32_t view = 0; view < normal_side * normal_side; ++view) {
+        const Vec3f normal = normal_of_view(view);
+        for (std::size_t block = 0; block < masses.size(); ++block) {
+            weights[block] =
+                masses[block] * (mean_cosine(directions[block], normal) + least_cosine);
+        }
+        distribution.add_view(weights);
+    }
+    distribution.add_view(masses);
+}
+
 }  // namespace
 
 void prepare_environment(EnvironmentLight& light, const std::vector<Texture>& textures) {
@@ -52,7 +141,8 @@ void prepare_environment(EnvironmentLight& light, const std::vector<Texture>& te
     light.power = static_cast<float>(power * 2.0 * pi * pi /
                                      (static_cast<double>(width) * height)) *
                   luminance(light.scale);
-    light.distribution = Distribution2D(weights, width, height);
+    light.distribution = BlockDistribution(weights, width, height);
+    add_views(light.distribution, width, height);
 }
 
 }  // namespace raykiln

@@ -31,6 +31,52 @@ inline Vec3<F> direction_of_uv(const Vec2<F>& uv) {
     return {sin_phi * sin_theta, cos_theta, F(0.0f) - cos_phi * sin_theta};
 }
 
+/// The distribution has a view for each of the vertices of an octahedron, unfolded to a
+/// square (Cigolle et al. 2014) and divided so often from its middle to its edge; and a
+/// last one without a normal.
+inline constexpr std::uint32_t normal_steps = 5;
+inline constexpr std::uint32_t normal_side = 2 * normal_steps + 1;
+
+/// Whether a receiver's normal is known: it is (0, 0, 0) else.
+template <class F>
+inline Mask<F> has_normal(const Vec3<F>& normal) {
+    return length_squared(normal) > F(0.0f);
+}
+
+/// The views around a normal (in the light's axes): the vertices of the triangle that it
+/// lies in, by their barycentric coordinates.
+template <class F>
+inline ViewMix<F> views_of_normal(const Vec3<F>& n) {
+    using U = Uint<F>;
+    const auto known = has_normal(n);
+    const F sum = abs(n.x) + abs(n.y) + abs(n.z);
+    const F scale = F(1.0f) / select(known, sum, F(1.0f));
+    const F ax = abs(n.x) * scale, az = abs(n.z) * scale;
+    // The lower half is folded outwards.
+    const auto lower = n.y < F(0.0f);
+    constexpr auto steps = static_cast<float>(normal_steps);
+    const F x = select(lower, F(1.0f) - az, ax) * F(steps);
+    const F z = select(lower, F(1.0f) - ax, az) * F(steps);
+    const auto step = [](F at) {
+        return min(to_uint(max(at, F(0.0f))), U(normal_steps - 1));
+    };
+    const U ix = step(x), iz = step(z);
+    const F fx = clamp(x - to_float(ix), F(0.0f), F(1.0f));
+    const F fz = clamp(z - to_float(iz), F(0.0f), F(1.0f));
+    const auto outer = fx + fz > F(1.0f);
+    const auto vertex = [&](U i, U k) {
+        const U middle(normal_steps);
+        const U column = select(n.x < F(0.0f), middle - i, middle + i);
+        const U row = select(n.z < F(0.0f), middle - k, middle + k);
+        return select(known, row * U(normal_side) + column, U(normal_side * normal_side));
+    };
+    const U one(1u);
+    return {{vertex(select(outer, ix + one, ix), select(outer, iz + one, iz)),
+             vertex(ix + one, iz), vertex(ix, iz + one)},
+            {abs(F(1.0f) - fx - fz), select(outer, F(1.0f) - fz, fx),
+             select(outer, F(1.0f) - fx, fz)}};
+}
+
 /// Sets the distribution and the power of a light with a map.
 void prepare_environment(EnvironmentLight& light, const std::vector<Texture>& textures);
 
@@ -58,30 +104,53 @@ inline Vec3<F> environment_radiance(const EnvironmentLight& light,
     return scale * lookup(map, uv_of_direction(frame.to_local(direction))).rgb;
 }
 
+namespace detail {
+
+/// The density of directions where the map has none: about the normal by the cosine, even
+/// without a normal.
+template <class F>
+inline F pdf_even_sky(const Vec3<F>& normal, const Vec3<F>& direction) {
+    return select(has_normal(normal), pdf_cosine_hemisphere(dot(direction, normal)),
+                  F(0.25f * inv_pi));
+}
+
+}  // namespace detail
+
 /// Density over solid angle with which `sample_environment` returns `direction`.
 template <class F>
-inline F pdf_environment(const EnvironmentLight& light, const Vec3<F>& direction) {
+inline F pdf_environment(const EnvironmentLight& light, const Vec3<F>& normal,
+                         const Vec3<F>& direction) {
     if (light.map == no_texture) {
-        return F(0.25f * inv_pi);
+        return detail::pdf_even_sky(normal, direction);
     }
-    const Vec3<F> local =
-        detail::frame_in_lanes<F>(light.world_from_light).to_local(direction);
+    const Frame<F> frame = detail::frame_in_lanes<F>(light.world_from_light);
+    const Vec3<F> local = frame.to_local(direction);
     const F sine = sine_to_axis(local);
     const auto off_axis = sine > F(0.0f);
-    const F pdf = light.distribution.pdf(uv_of_direction(local)) /
+    const F pdf = light.distribution.pdf(views_of_normal(frame.to_local(normal)),
+                                         uv_of_direction(local)) /
                   (F(2.0f * pi * pi) * select(off_axis, sine, F(1.0f)));
     return select(off_axis, pdf, F(0.0f));
 }
 
-/// A direction in world space and its density over solid angle.
+/// A direction in world space and its density over solid angle, for a surface of that
+/// unit normal: mostly where both the light and the cosine are great. (0, 0, 0): for one
+/// that takes light from all sides.
 template <class F>
-inline Vec3<F> sample_environment(const EnvironmentLight& light, F u, F v, F& pdf) {
+inline Vec3<F> sample_environment(const EnvironmentLight& light, const Vec3<F>& normal,
+                                  F u, F v, F w, F& pdf) {
     const Frame<F> frame = detail::frame_in_lanes<F>(light.world_from_light);
     if (light.map == no_texture) {
-        pdf = F(0.25f * inv_pi);
-        return frame.to_world(sample_sphere(u, v));
+        const auto known = has_normal(normal);
+        const Vec3<F> up{F(0.0f), F(0.0f), F(1.0f)};
+        const Vec3<F> around = frame_of_normal(select(known, normal, up))
+                                   .to_world(sample_cosine_hemisphere(u, v));
+        const Vec3<F> d = select(known, around, frame.to_world(sample_sphere(u, v)));
+        pdf = detail::pdf_even_sky(normal, d);
+        return d;
     }
-    const Vec2<F> uv = light.distribution.sample(u, v, pdf);
+    const Vec2<F> uv =
+        light.distribution.sample(views_of_normal(frame.to_local(normal)), u, v, w, pdf);
     const Vec3<F> local = direction_of_uv(uv);
     const F sine = sine_to_axis(local);
     const auto off_axis = sine > F(0.0f);

@@ -17,7 +17,8 @@ struct Overloaded : Cases... {
 struct Sample {
     const Scene& scene;
     const Vec3f& p;
-    float u, v;
+    const Vec3f& normal;
+    float u, v, w;
 
     LightSample operator()(const PointLight& l) const {
         return sample_toward_point(p, l.position, l.intensity);
@@ -29,7 +30,7 @@ struct Sample {
         return sample_directional(l.direction, l.irradiance);
     }
     LightSample operator()(const EnvironmentLight& l) const {
-        return sample_environment_light(scene, l, u, v);
+        return sample_environment_light(scene, l, normal, u, v, w);
     }
     LightSample operator()(const TriangleLight& l) const {
         return sample_triangle_light(scene, l, p, u, v);
@@ -231,9 +232,9 @@ std::vector<std::uint32_t> add_surface_lights(Scene& scene, const Group& group,
 
 }  // namespace
 
-LightSample sample_light(const Scene& scene, const Light& light, const Vec3f& p, float u,
-                         float v) {
-    return std::visit(Sample{scene, p, u, v}, light);
+LightSample sample_light(const Scene& scene, const Light& light,
+                         const LightReceiver& receiver, float u, float v, float w) {
+    return std::visit(Sample{scene, receiver.p, receiver.normal, u, v, w}, light);
 }
 
 float pdf_light(const Light& light, const Vec3f& p, const Vec3f& direction,

@@ -54,10 +54,10 @@ struct LightSampleOf {
 };
 using LightSample = LightSampleOf<float>;
 
-/// Samples one light towards `p`. Radiance 0 (and density 0) where the light does not
-/// reach p.
-LightSample sample_light(const Scene& scene, const Light& light, const Vec3f& p, float u,
-                         float v);
+/// Samples one light towards a receiver. Radiance 0 (and density 0) where the light does
+/// not reach it.
+LightSample sample_light(const Scene& scene, const Light& light,
+                         const LightReceiver& receiver, float u, float v, float w);
 
 /// Density over solid angle with which `sample_light` finds the point hit by a ray from
 /// `p` in unit `direction`, `distance` away, on a light of the scene's surfaces.

@@ -48,10 +48,10 @@ inline LightSampleOf<F> sample_directional(const Vec3<F>& direction,
 
 template <class F>
 inline LightSampleOf<F> sample_environment_light(const Scene& scene,
-                                                 const EnvironmentLight& light, F u,
-                                                 F v) {
+                                                 const EnvironmentLight& light,
+                                                 const Vec3<F>& normal, F u, F v, F w) {
     F pdf;
-    const Vec3<F> d = sample_environment(light, u, v, pdf);
+    const Vec3<F> d = sample_environment(light, normal, u, v, w, pdf);
     return select<F>(
         pdf > F(0.0f),
         {d, Vec3<F>(F(0.0f)), Mask<F>(true),
@@ -167,12 +167,13 @@ inline SphereLightOf<F> sphere_light_at(const LightTable& table, Uint<F> slot) {
     return {{row[0], row[1], row[2]}, row[3], as_uint(row[4]), as_uint(row[5])};
 }
 
-/// Each lane's own light towards its own point; only lanes in `wanted` count, their
+/// Each lane's own light towards its own receiver; only lanes in `wanted` count, their
 /// indices must be valid.
 template <class F>
 inline LightSampleOf<F> sample_light(const Scene& scene, Uint<F> light, Mask<F> wanted,
-                                     const Vec3<F>& p, F u, F v) {
+                                     const LightReceiverOf<F>& receiver, F u, F v, F w) {
     using U = Uint<F>;
+    const Vec3<F>& p = receiver.p;
     const LightTable& table = scene.light_table;
     LightSampleOf<F> sample = no_light_sample<F>();
     light = select(wanted, light, U(0u));
@@ -219,11 +220,11 @@ inline LightSampleOf<F> sample_light(const Scene& scene, Uint<F> light, Mask<F> 
     for (const std::uint32_t i : table.environments) {
         const auto lanes = wanted & (light == U(i));
         if (any(lanes)) {
-            sample =
-                select<F>(lanes,
-                          sample_environment_light(
-                              scene, std::get<EnvironmentLight>(scene.lights[i]), u, v),
-                          sample);
+            const auto& environment = std::get<EnvironmentLight>(scene.lights[i]);
+            sample = select<F>(
+                lanes,
+                sample_environment_light(scene, environment, receiver.normal, u, v, w),
+                sample);
         }
     }
     return sample;

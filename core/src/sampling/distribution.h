@@ -1,6 +1,5 @@
 #pragma once
 
-#include <bit>
 #include <cstdint>
 #include <vector>
 
@@ -46,31 +45,6 @@ class AliasTable {
     std::vector<Cell> cells_;
 };
 
-/// Piecewise-constant density over the unit square on a grid of width x height cells.
-class Distribution2D {
-  public:
-    Distribution2D() = default;
-    /// `weights` row by row, non-negative, one a cell.
-    Distribution2D(const std::vector<float>& weights, int width, int height);
-
-    /// A point of the unit square and its density there.
-    template <class F>
-    Vec2<F> sample(F u, F v, F& pdf) const;
-    /// Density at a point of the unit square (integrates to 1).
-    template <class F>
-    F pdf(Vec2<F> point) const;
-    bool empty() const { return width_ == 0; }
-
-  private:
-    int width_ = 0, height_ = 0;
-    std::vector<float> density_;
-    std::vector<float> row_cdf_;     // height + 1
-    std::vector<float> column_cdf_;  // (width + 1) a row
-    // The cell that holds u = i / guides, i from 0 to guides; a row after the other.
-    static constexpr std::uint32_t guides = 256;
-    std::vector<std::uint32_t> row_guide_, column_guide_;
-};
-
 namespace detail {
 
 /// The cell of a cdf (n + 1 entries from `offset`) that holds u, and where in it, in
@@ -103,39 +77,5 @@ inline Uint<F> find_cell(const float* cdf, Uint<F> offset, int n, F u, F& within
 }
 
 }  // namespace detail
-
-template <class F>
-inline Vec2<F> Distribution2D::sample(F u, F v, F& pdf) const {
-    using U = Uint<F>;
-    F fx, fy;
-    // The guides tell between which cells to look.
-    const auto part_of = [](F x) {
-        return min(to_uint(x * F(static_cast<float>(guides))), U(guides - 1));
-    };
-    const U row_part = part_of(v);
-    const U y =
-        detail::find_cell(row_cdf_.data(), U(0u), gather(row_guide_.data(), row_part),
-                          gather(row_guide_.data() + 1, row_part), v, fy);
-    const auto width = static_cast<std::uint32_t>(width_);
-    const U column_part = y * U(guides + 1) + part_of(u);
-    const U x = detail::find_cell(column_cdf_.data(), y * U(width + 1),
-                                  gather(column_guide_.data(), column_part),
-                                  gather(column_guide_.data() + 1, column_part), u, fx);
-    pdf = gather(density_.data(), y * U(width) + x);
-    return {(to_float(x) + fx) / F(static_cast<float>(width_)),
-            (to_float(y) + fy) / F(static_cast<float>(height_))};
-}
-
-template <class F>
-inline F Distribution2D::pdf(Vec2<F> p) const {
-    using U = Uint<F>;
-    const auto cell = [](F at, int n) {
-        const auto size = static_cast<float>(n);
-        return to_uint(clamp(at * F(size), F(0.0f), F(size - 1.0f)));
-    };
-    return gather(
-        density_.data(),
-        cell(p.y, height_) * U(static_cast<std::uint32_t>(width_)) + cell(p.x, width_));
-}
 
 }  // namespace raykiln

@@ -92,4 +92,17 @@ inline F mis_weight(F pdf_taken, F pdf_other) {
     return F(1.0f) / (F(1.0f) + ratio * ratio);
 }
 
+/// The same between light and BSDF sampling. The BSDF's density counts for more than it
+/// is: where its direction misses the light it still brings what is reflected from there,
+/// so that the sum over both varies less than that of two directions that bring nothing.
+inline constexpr float bsdf_preference = 1.4f;
+template <class F>
+inline F mis_weight_of_light(F pdf_light, F pdf_bsdf) {
+    return mis_weight(pdf_light, pdf_bsdf * F(bsdf_preference));
+}
+template <class F>
+inline F mis_weight_of_bsdf(F pdf_bsdf, F pdf_light) {
+    return mis_weight(pdf_bsdf * F(bsdf_preference), pdf_light);
+}
+
 }  // namespace raykiln

@@ -5,7 +5,7 @@
 
 #include "math/frame.h"
 #include "math/transform.h"
-#include "sampling/distribution.h"
+#include "sampling/block_distribution.h"
 #include "scene/texture.h"
 
 namespace raykiln {
@@ -33,8 +33,8 @@ struct EnvironmentLight {
     Vec3f scale{1, 1, 1};
     std::int32_t map = no_texture;
     Frame<float> world_from_light{{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};  ///< columns x, y, z
-    Distribution2D distribution;  ///< over (u, v) of the map
-    float power = 0.0f;           ///< luminance integrated over all directions
+    BlockDistribution distribution;  ///< over (u, v) of the map, a view a kind of normal
+    float power = 0.0f;              ///< luminance integrated over all directions
 };
 
 /// How a surface emits.

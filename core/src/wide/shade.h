@@ -23,15 +23,16 @@ inline F weight_of_bsdf(Strategy strategy, F pdf_bsdf, F pdf_light) {
         case Strategy::mis:
             break;
     }
-    return mis_weight(pdf_bsdf, pdf_light);
+    return mis_weight_of_bsdf(pdf_bsdf, pdf_light);
 }
 
 inline F weight_of_light(Strategy strategy, M delta, F pdf_light, F pdf_bsdf) {
     if (strategy == Strategy::light_only) {
         return F(1.0f);
     }
-    const F other =
-        strategy == Strategy::bsdf_only ? F(0.0f) : mis_weight(pdf_light, pdf_bsdf);
+    const F other = strategy == Strategy::bsdf_only
+                        ? F(0.0f)
+                        : mis_weight_of_light(pdf_light, pdf_bsdf);
     return select(delta, F(1.0f), other);
 }
 
@@ -93,8 +94,8 @@ inline Vec3<F> escaped_radiance(const BatchScene& b, const Paths& paths, U slots
             environment_radiance(*light, b.scene.textures, direction);
         F weight(1.0f);
         if (any(rivals)) {
-            const F pdf =
-                pdf_environment(*light, direction) * F(pmf_of_far_light(b.scene, i));
+            const F pdf = pdf_environment(*light, paths.from_normal[slots], direction) *
+                          F(pmf_of_far_light(b.scene, i));
             weight = select(rivals, weight_of_bsdf(b.estimator.strategy, pdf_bsdf, pdf),
                             weight);
         }
@@ -146,7 +147,7 @@ inline void sample_direct_light(const Vertex& at, const SurfacePoint<F>& s, cons
         return;
     }
     const LightSampleOf<F> light =
-        sample_light(at.b.scene, choice.light, wanted, s.p, u[1], u[2]);
+        sample_light(at.b.scene, choice.light, wanted, receiver, u[1], u[2], u[3]);
     wanted = wanted & (light.pdf_solid_angle > F(0.0f));
     const BsdfValue<F> f = evaluate(bsdf, dir_out, s.shading.to_local(light.direction));
     const F pdf = light.pdf_solid_angle * choice.pmf;
