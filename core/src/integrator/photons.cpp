@@ -128,13 +128,13 @@ Emitted PhotonSource::emit(const SampleKey<float>& key) const {
                                           normal * target.sphere->radius);
     }
     const Sample4<float> w = independent_sample(key, 1);
-    const LightTree::Choice choice =
-        choose_light(scene_, LightReceiver{p, Vec3f{}}, w[0]);
+    const LightReceiver receiver{p, Vec3f{}};
+    const LightTree::Choice choice = choose_light(scene_, receiver, w[0]);
     if (!(choice.pmf > 0.0f)) {
         return {};
     }
     const Light& light = scene_.lights[choice.light];
-    const LightSample sample = sample_light(scene_, light, p, w[1], w[2]);
+    const LightSample sample = sample_light(scene_, light, receiver, w[1], w[2], w[3]);
     if (sample.delta || !(sample.pdf_solid_angle > 0.0f)) {
         return {};
     }

@@ -140,7 +140,10 @@ inline void sample_direct_light(const Vertex& at, const SurfacePoint<F>& s, cons
     if (!any(at.valid & may_scatter(bsdf))) {
         return;
     }
-    const Sample4<F> u = at.draw<first_three>(light_group(at.depth));
+    // Only the sky takes a fourth number.
+    const Sample4<F> u = at.b.scene.light_table.environments.empty()
+                             ? at.draw<first_three>(light_group(at.depth))
+                             : at.draw<all_four>(light_group(at.depth));
     const LightChoiceOf<F> choice = choose_light(at.b.scene, receiver, u[0]);
     M wanted = at.valid & (choice.pmf > F(0.0f));
     if (!any(wanted)) {
