@@ -19,6 +19,7 @@ CPP_ARROWS: dict[str, set[str]] = {
     "light": {"math", "sampling", "image", "scene", "texture"},
     "camera": {"math", "sampling", "image", "scene"},
     "medium": {"math", "sampling", "image", "scene"},
+    "guide": {"math", "sampling"},
     "isa": set(),
     "accel": {"math", "sampling", "image", "scene", "isa"},
 }
