@@ -49,12 +49,9 @@ inline std::uint32_t take_alike(const Vec3<F>& direction, std::uint32_t which,
 
 inline Context lane_context(const BatchScene& b, const Paths& paths, std::uint32_t slot,
                             RayCounts& counts) {
-    return {b.scene,
-            b.accel,
-            b.estimator,
-            {paths.pixel_key.at[slot], paths.sample_index.at[slot]},
-            counts,
-            b.guide};
+    return {b.scene,     b.accel,
+            b.estimator, {paths.pixel_key.at[slot], paths.sample_index.at[slot]},
+            counts,      b.guide};
 }
 
 inline void set_hit(Paths& paths, std::uint32_t slot, const Hit& hit) {
