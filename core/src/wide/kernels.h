@@ -26,7 +26,7 @@ struct BatchScene {
     std::uint32_t seed;
     bool first_hits;  ///< whether those are asked for
     ShapeList shapes;
-    FewTriangles few_triangles;  ///< empty: the hierarchies of `accel` are used
+    FewTriangles few_triangles;           ///< empty: the hierarchies of `accel` are used
     const CausticGuide* guide = nullptr;  ///< null: there is none
 };
 
