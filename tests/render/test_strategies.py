@@ -6,7 +6,6 @@ from itertools import pairwise
 from typing import Any
 
 import pytest
-
 import raykiln as rk
 from raykiln import _core
 from raykiln.compile import compile_scene
