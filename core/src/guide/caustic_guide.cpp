@@ -14,9 +14,9 @@ constexpr std::size_t photons_around = 192;
 constexpr std::size_t lobes_around = 8;
 /// The share of the samples that goes to the guide where it knows of strong light.
 constexpr float greatest_share = 0.4f;
-/// Variance that focused light would have without a guide, against the square of the
-/// lights' own irradiance, at which the share is half of that.
-constexpr float half_share_variance = 0.003f;
+/// The variance that focused light would have without a guide, against the square of the
+/// lights' own irradiance, for which the share is half of that.
+constexpr float half_share_variance = 0.05f;
 /// A smaller share is not worth its time.
 constexpr float least_share = 0.03f;
 /// Lobes are twice as wide as it is far to this neighbour, and no narrower than a quarter
@@ -33,9 +33,11 @@ float& component(Vec3f& v, std::uint32_t axis) {
 
 }  // namespace
 
-CausticGuide::CausticGuide(std::vector<Photon> photons, float irradiance) :
+CausticGuide::CausticGuide(std::vector<Photon> photons, float irradiance,
+                           float concentration) :
     photons_(std::move(photons)),
-    irradiance_(irradiance) {
+    irradiance_(irradiance),
+    concentration_(concentration) {
     if (photons_.size() < photons_a_cell) {
         return;
     }
@@ -103,18 +105,12 @@ void CausticGuide::add_cell(std::uint32_t node, std::size_t begin, std::size_t e
     const float longest = max_component(extent);
     const float least = min(extent.x, min(extent.y, extent.z));
     const float area = longest * (extent.x + extent.y + extent.z - longest - least);
-    const float relative =
-        static_cast<float>(end - begin) / max(area * irradiance_, 1e-12f);
+    // Light seen in a mirror or a lens keeps its radiance: found by luck, its variance is
+    // its irradiance times that.
+    const float irradiance = static_cast<float>(end - begin) / max(area, 1e-12f);
+    const float variance = irradiance / irradiance_ * concentration_;
     const auto first = static_cast<std::uint32_t>(lobes_.size());
     add_lobes(begin, end, 1, lobes_);
-    // The BSDF finds the light by a probability of about pi over its mean density.
-    float density = 0.0f;
-    for (std::size_t i = first; i < lobes_.size(); ++i) {
-        density += 1.0f / lobes_[i].width;
-    }
-    density *=
-        inv_pi * static_cast<float>(neighbour) / sqr(static_cast<float>(end - begin));
-    const float variance = sqr(relative) * pi * density;
     const float share = greatest_share * variance / (variance + half_share_variance);
     if (share < least_share) {
         lobes_.resize(first);

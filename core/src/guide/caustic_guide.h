@@ -34,10 +34,11 @@ struct GuideAt {
 class CausticGuide {
   public:
     CausticGuide() = default;
-    /// `irradiance`: that of the lights on the smooth surfaces in photons a square metre,
-    /// beside which faint light does not count. What comes of it is a pure function of
-    /// the arguments.
-    CausticGuide(std::vector<Photon> photons, float irradiance);
+    /// `irradiance`: that of the lights on the smooth surfaces, in photons a square
+    /// metre; `concentration`: their radiance over their irradiance, one over the
+    /// steradians that they fill. Both tell where focused light is worth looking for.
+    /// What comes of it is a pure function of the arguments.
+    CausticGuide(std::vector<Photon> photons, float irradiance, float concentration);
 
     bool empty() const { return nodes_.empty(); }
     std::size_t size() const { return lobes_.size(); }
@@ -77,7 +78,7 @@ class CausticGuide {
                    std::vector<Lobe>& to) const;
 
     std::vector<Photon> photons_;  // while it is built
-    float irradiance_ = 0.0f;
+    float irradiance_ = 0.0f, concentration_ = 0.0f;
     Bounds bounds_;
     std::vector<Node> nodes_;
     std::vector<Lobe> lobes_;

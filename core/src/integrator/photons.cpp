@@ -138,13 +138,13 @@ Emitted PhotonSource::emit(const SampleKey<float>& key) const {
     if (sample.delta || !(sample.pdf_solid_angle > 0.0f)) {
         return {};
     }
-    const float power = luminance(sample.radiance) *
-                        bright_share(light, sample.radiance) *
-                        std::fabs(dot(normal, sample.direction)) * area /
-                        (choice_.pmf(number) * choice.pmf * sample.pdf_solid_angle);
+    const float density = choice.pmf * sample.pdf_solid_angle;
+    const float power =
+        luminance(sample.radiance) * bright_share(light, sample.radiance) *
+        std::fabs(dot(normal, sample.direction)) * area / (choice_.pmf(number) * density);
     const Vec3f from =
         sample.infinite ? p + sample.direction * far_distance_ : sample.point;
-    return {{from, -sample.direction}, std::isfinite(power) ? power : 0.0f};
+    return {{from, -sample.direction}, std::isfinite(power) ? power : 0.0f, density};
 }
 
 std::vector<std::uint32_t> equal_in_power(const std::vector<Emitted>& rays) {

@@ -9,6 +9,7 @@ namespace raykiln {
 struct Emitted {
     Ray ray;
     float power = 0.0f;
+    float density = 0.0f;  ///< of its direction over solid angle, among all lights
 };
 
 /// Sends light at the smooth surfaces of a scene and follows what they focus.

@@ -60,7 +60,13 @@ CausticGuide learn_caustics(const Scene& scene, const Accel& accel,
     for (const auto& block : found) {
         photons.insert(photons.end(), block.begin(), block.end());
     }
-    return {std::move(photons), static_cast<float>(rays.size()) / source.area()};
+    double density = 0;
+    for (const std::uint32_t i : chosen) {
+        density += rays[i].density;
+    }
+    const auto count = static_cast<float>(rays.size());
+    return {std::move(photons), count / source.area(),
+            static_cast<float>(density) / count};
 }
 
 }  // namespace raykiln
