@@ -31,7 +31,7 @@ inline const Vec3f up{0, 0, 1};
 inline const Vec3f aside{0.6f, 0, 0.8f};
 
 inline CausticGuide learned(std::vector<Photon> photons, float irradiance = little) {
-    return CausticGuide(std::move(photons), irradiance);
+    return CausticGuide(std::move(photons), irradiance, 1.0f);
 }
 
 /// Where light comes from one direction, from everywhere, and from two sides.
