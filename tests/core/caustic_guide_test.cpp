@@ -163,6 +163,46 @@ TEST(CausticGuide, TakesPhotonsThatAreAllTheSame) {
     }
 }
 
+TEST(CausticGuide, ACellKnowsNoPhotonsOfFarAwayOnes) {
+    // Numbers of photons at which a half has just as many as the wider cells begin with.
+    Rng rng(207);
+    std::vector<Photon> photons;
+    add_square(photons, 193, {-4, 0, 0}, rng, [&](std::size_t) { return aside; });
+    add_square(photons, 193, {4, 0, 0}, rng, [&](std::size_t) { return up; });
+    const CausticGuide guide = learned(std::move(photons));
+    // Nothing but the tails of lobes of least width: 1e-5 / (2 pi t^2), t = 0.2.
+    for (int i = 0; i < 1000; ++i) {
+        const Vec3f off(rng.between(-0.45f, 0.45f), rng.between(-0.45f, 0.45f), 0.0f);
+        const GuideAt<float> left = guide.find(Vec3f(-4, 0, 0) + off, true);
+        const GuideAt<float> right = guide.find(Vec3f(4, 0, 0) + off, true);
+        ASSERT_LT(guide.pdf(left, up), 1e-4f);
+        ASSERT_LT(guide.pdf(right, aside), 1e-4f);
+    }
+}
+
+TEST(CausticGuide, RoundingOfAPointOnAWallDoesNotChooseItsCell) {
+    for (const float side : {-1.0f, 1.0f}) {
+        const float wall = side * 1.55f;
+        Rng rng(209);
+        std::vector<Photon> photons;
+        for (int i = 0; i < 3000; ++i) {
+            const float y = rng.between(-1, 1), along = rng.between(0, 2);
+            const Vec3f on_wall(std::nextafter(wall, i % 3 - 1.0f), y, along);
+            photons.push_back(
+                {i % 2 == 0 ? on_wall : Vec3f(wall - side * along, y, 0), up});
+        }
+        const CausticGuide guide = learned(std::move(photons));
+        for (int i = 0; i < 1000; ++i) {
+            const float y = rng.between(-0.9f, 0.9f), z = rng.between(0.1f, 1.9f);
+            const auto in = guide.find(Vec3f(std::nextafter(wall, 0.0f), y, z), true);
+            const auto out =
+                guide.find(Vec3f(std::nextafter(wall, side * 2), y, z), true);
+            ASSERT_EQ(in.first, out.first);
+            ASSERT_GT(in.share, 0.0f);
+        }
+    }
+}
+
 void set_lane(Vec3<Wide>& to, int lane, const Vec3f& v) {
     to.x.set_lane(lane, v.x);
     to.y.set_lane(lane, v.y);

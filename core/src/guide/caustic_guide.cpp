@@ -23,12 +23,39 @@ constexpr float least_share = 0.03f;
 /// of a degree.
 constexpr std::size_t neighbour = 3;
 constexpr float least_width = 1e-5f;
+/// Space is divided beside photons that this share of their extent cannot tell apart.
+constexpr float least_gap = 1e-3f;
 
 float component(const Vec3f& v, std::uint32_t axis) {
     return axis == 0 ? v.x : axis == 1 ? v.y : v.z;
 }
 float& component(Vec3f& v, std::uint32_t axis) {
     return axis == 0 ? v.x : axis == 1 ? v.y : v.z;
+}
+
+struct Cut {
+    std::size_t middle;  ///< first of the upper half
+    float split;
+};
+
+/// Moves the cut in halves that are in order about `middle` to beside what lies there: in
+/// a flat surface, rounding would choose the side of its points.
+Cut cut_beside(std::vector<Photon>& photons, std::size_t begin, std::size_t middle,
+               std::size_t end, std::uint32_t axis, float gap) {
+    const float x = component(photons[middle].p, axis);
+    const auto first_from = [&](float least, std::size_t from, std::size_t to) {
+        const auto at = photons.begin();
+        const auto found = std::partition(
+            at + static_cast<std::ptrdiff_t>(from), at + static_cast<std::ptrdiff_t>(to),
+            [&](const Photon& p) { return component(p.p, axis) < least; });
+        return static_cast<std::size_t>(found - at);
+    };
+    const std::size_t before = first_from(x - gap, begin, middle);
+    const std::size_t behind = first_from(x + gap, middle, end);
+    if (before > begin && (behind == end || middle - before <= behind - middle)) {
+        return {before, x - gap};
+    }
+    return behind < end ? Cut{behind, x + gap} : Cut{middle, x};
 }
 
 }  // namespace
@@ -85,18 +112,21 @@ void CausticGuide::divide(std::uint32_t node, std::size_t begin, std::size_t end
             };
             return key(a) < key(b);
         });
-    if (count <= photons_around && count > photons_around / 2) {
-        around_.clear();
+    if (count <= photons_around && around_.empty()) {
         add_lobes(begin, end, (count + lobes_around - 1) / lobes_around, around_);
     }
-    const float split = component(photons_[middle].p, axis);
+    const auto [cut, split] = cut_beside(photons_, begin, middle, end, axis,
+                                         least_gap * component(extent, axis));
     const auto child = static_cast<std::uint32_t>(nodes_.size());
     nodes_[node] = {split, axis, child};
     nodes_.resize(nodes_.size() + 2);
     Bounds lower = region, upper = region;
     component(lower.high, axis) = component(upper.low, axis) = split;
-    divide(child, begin, middle, lower);
-    divide(child + 1, middle, end, upper);
+    divide(child, begin, cut, lower);
+    if (count > photons_around) {
+        around_.clear();  // of the lower half
+    }
+    divide(child + 1, cut, end, upper);
 }
 
 void CausticGuide::add_cell(std::uint32_t node, std::size_t begin, std::size_t end,
