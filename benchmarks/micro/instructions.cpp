@@ -68,7 +68,8 @@ void count_batches(const View& view) {
                            .height = image_size,
                            .seed = 0,
                            .first_hits = false,
-                           .shapes = ShapeList(view.scene)};
+                           .shapes = ShapeList(view.scene),
+                           .few_triangles = {}};
     const std::unique_ptr<BatchTracer> tracer(
         wide_kernels(process_isa()).make_tracer(scene));
     const auto batch = std::make_unique<Batch>();
