@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -29,15 +30,24 @@ def options(settings: rk.RenderSettings, strategy: str = "mis") -> dict[str, Any
 
 
 def render_runs(
-    scene: rk.Scene, runs: int, *, strategy: str = "mis", seed: int = 1, **settings: Any
+    scene: rk.Scene,
+    runs: int,
+    *,
+    strategy: str = "mis",
+    seed: int = 1,
+    core: Mapping[str, bool] | None = None,
+    **settings: Any,
 ) -> Estimate:
-    """Independent renders of a scene that is built once, with seeds from `seed` on."""
+    """Independent renders of a scene that is built once, with seeds from `seed` on.
+
+    `core`: options of the core's renderer that only proofs choose.
+    """
     resolved = rk.RenderSettings(**settings).over(scene.settings)
     compiled = compile_scene(scene, resolved)
     images = []
     for run in range(runs):
         once = resolved.model_copy(update={"seed": seed + run})
-        renderer = _core.Renderer(compiled.core, options(once, strategy))
+        renderer = _core.Renderer(compiled.core, {**options(once, strategy), **(core or {})})
         while not renderer.finished:
             renderer.run_pass(lambda _: True)
         assert renderer.counts()["nonfinite_samples"] == 0

@@ -9,12 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 import raykiln as rk
-from raykiln import _core
-from raykiln.compile import compile_scene
 
 from .proof_scenes import SCENES as DULL
 from .statistics import Estimate, excess
-from .support import ceiling_light, floor, looking, options, placed, sha256
+from .support import ceiling_light, floor, looking, placed, render_runs, sha256
 from .test_wide import assert_same_to_rounding
 
 SETTINGS: dict[str, Any] = {"width": 48, "height": 48, "spp": 32, "filter": "box", "max_depth": 6}
@@ -132,19 +130,9 @@ def render(
     **settings: Any,
 ) -> Estimate:
     """Renders with seeds from `seed` on; each learns a guide of its own."""
-    resolved = rk.RenderSettings(**{**SETTINGS, **settings}).over(scene.settings)
-    compiled = compile_scene(scene, resolved)
-    images = []
-    for run in range(runs):
-        once = resolved.model_copy(update={"seed": seed + run})
-        chosen = {**options(once, strategy), "caustic_guide": guide, "reference": reference}
-        renderer = _core.Renderer(compiled.core, chosen)
-        while not renderer.finished:
-            renderer.run_pass(lambda _: True)
-        assert renderer.counts()["nonfinite_samples"] == 0
-        planes = renderer.planes()
-        images.append(planes["radiance"].astype(np.float64) / planes["counts"][..., None])
-    return Estimate(np.stack(images))
+    core = {"caustic_guide": guide, "reference": reference}
+    chosen = {**SETTINGS, **settings}
+    return render_runs(scene, runs, strategy=strategy, seed=seed, core=core, **chosen)
 
 
 @cache

@@ -26,13 +26,6 @@ constexpr float least_width = 1e-5f;
 /// Space is divided beside photons that this share of their extent cannot tell apart.
 constexpr float least_gap = 1e-3f;
 
-float component(const Vec3f& v, std::uint32_t axis) {
-    return axis == 0 ? v.x : axis == 1 ? v.y : v.z;
-}
-float& component(Vec3f& v, std::uint32_t axis) {
-    return axis == 0 ? v.x : axis == 1 ? v.y : v.z;
-}
-
 struct Cut {
     std::size_t middle;  ///< first of the upper half
     float split;
@@ -41,7 +34,7 @@ struct Cut {
 /// Moves the cut in halves that are in order about `middle` to beside what lies there: in
 /// a flat surface, rounding would choose the side of its points.
 Cut cut_beside(std::vector<Photon>& photons, std::size_t begin, std::size_t middle,
-               std::size_t end, std::uint32_t axis, float gap) {
+               std::size_t end, int axis, float gap) {
     const float x = component(photons[middle].p, axis);
     const auto first_from = [&](float least, std::size_t from, std::size_t to) {
         const auto at = photons.begin();
@@ -96,9 +89,9 @@ void CausticGuide::divide(std::uint32_t node, std::size_t begin, std::size_t end
         bounds.add(photons_[i].p);
     }
     const Vec3f extent = bounds.extent();
-    const std::uint32_t axis = extent.x >= max(extent.y, extent.z) ? 0
-                               : extent.y >= extent.z              ? 1
-                                                                   : 2;
+    const int axis = extent.x >= max(extent.y, extent.z) ? 0
+                     : extent.y >= extent.z              ? 1
+                                                         : 2;
     const std::size_t middle = begin + count / 2;
     const auto at = [&](std::size_t i) {
         return photons_.begin() + static_cast<std::ptrdiff_t>(i);
@@ -118,7 +111,7 @@ void CausticGuide::divide(std::uint32_t node, std::size_t begin, std::size_t end
     const auto [cut, split] = cut_beside(photons_, begin, middle, end, axis,
                                          least_gap * component(extent, axis));
     const auto child = static_cast<std::uint32_t>(nodes_.size());
-    nodes_[node] = {split, axis, child};
+    nodes_[node] = {split, static_cast<std::uint32_t>(axis), child};
     nodes_.resize(nodes_.size() + 2);
     Bounds lower = region, upper = region;
     component(lower.high, axis) = component(upper.low, axis) = split;
@@ -139,14 +132,13 @@ void CausticGuide::add_cell(std::uint32_t node, std::size_t begin, std::size_t e
     // its irradiance times that.
     const float irradiance = static_cast<float>(end - begin) / max(area, 1e-12f);
     const float variance = irradiance / irradiance_ * concentration_;
-    const auto first = static_cast<std::uint32_t>(lobes_.size());
-    add_lobes(begin, end, 1, lobes_);
     const float share = greatest_share * variance / (variance + half_share_variance);
     if (share < least_share) {
-        lobes_.resize(first);
         nodes_[node] = {0.0f, cell_axis, 0};
         return;
     }
+    const auto first = static_cast<std::uint32_t>(lobes_.size());
+    add_lobes(begin, end, 1, lobes_);
     lobes_.insert(lobes_.end(), around_.begin(), around_.end());
     const auto lobes = static_cast<std::uint32_t>(lobes_.size()) - first;
     nodes_[node] = {share, cell_axis, (first << count_bits) | lobes};

@@ -44,7 +44,7 @@ struct Context {
     const EstimatorSettings& settings;
     SampleKey<float> key;
     RayCounts& counts;
-    const CausticGuide* guide = nullptr;  ///< of path tracing, or null
+    const CausticGuide* guide = nullptr;  ///< of path tracing; null: none
 
     Sample4<float> draw(std::uint32_t group) const {
         return sample_4d(settings.sampler, key, group);

@@ -1,4 +1,4 @@
-#include "integrator/context.h"
+#include "integrator/mis.h"
 #include "light/sample_light.h"
 
 namespace raykiln {
@@ -34,34 +34,6 @@ bool visible(const Context& c, const Surface& s, const LightSample& light,
     return !trace(c, ray, salt).valid();
 }
 
-namespace {
-
-/// Weight of light that the BSDF's sampling found, given the densities of both
-/// strategies.
-float weight_of_bsdf(const Context& c, float pdf_bsdf, float pdf_light) {
-    switch (c.settings.strategy) {
-        case Strategy::light_only:
-            return 0.0f;
-        case Strategy::bsdf_only:
-            return 1.0f;
-        case Strategy::mis:
-            break;
-    }
-    return mis_weight_of_bsdf(pdf_bsdf, pdf_light);
-}
-
-float weight_of_light(const Context& c, const LightSample& light, float pdf_light,
-                      float pdf_bsdf) {
-    if (light.delta || c.settings.strategy == Strategy::light_only) {
-        return 1.0f;
-    }
-    return c.settings.strategy == Strategy::bsdf_only
-               ? 0.0f
-               : mis_weight_of_light(pdf_light, pdf_bsdf);
-}
-
-}  // namespace
-
 LightReceiver receiver_of(const Surface& s, const Bsdf& bsdf) {
     return {s.p, is_transmissive(bsdf) ? Vec3f{} : s.shading.n};
 }
@@ -80,7 +52,7 @@ Vec3f escaped_radiance(const Context& c, const Vec3f& direction, const Origin& o
         }
         const float pdf = pdf_environment(*light, origin.receiver.normal, direction) *
                           pmf_of_light(c.scene, origin.receiver, index);
-        sum += radiance * weight_of_bsdf(c, origin.pdf_bsdf, pdf);
+        sum += radiance * weight_of_bsdf(c.settings.strategy, origin.pdf_bsdf, pdf);
     }
     return sum;
 }
@@ -99,7 +71,7 @@ Vec3f met_radiance(const Context& c, const Surface& s, const Vec3f& direction,
     const float pdf =
         pdf_light(c.scene.lights[s.light], from, direction, length(s.p - from)) *
         pmf_of_light(c.scene, origin.receiver, s.light);
-    return radiance * weight_of_bsdf(c, origin.pdf_bsdf, pdf);
+    return radiance * weight_of_bsdf(c.settings.strategy, origin.pdf_bsdf, pdf);
 }
 
 Vec3f sample_direct_light(const Context& c, const Surface& s, const Bsdf& bsdf,
@@ -127,7 +99,8 @@ Vec3f sample_direct_light(const Context& c, const Surface& s, const Bsdf& bsdf,
         return Vec3f(0.0f);
     }
     const float pdf = light.pdf_solid_angle * choice.pmf;
-    const float weight = weight_of_light(c, light, pdf, f.pdf_solid_angle);
+    const float weight =
+        weight_of_light(c.settings.strategy, light.delta, pdf, f.pdf_solid_angle);
     return f.value * light.radiance * (weight / pdf);
 }
 

@@ -48,6 +48,16 @@ inline Vec3<F> gather_member(const T* array, Vec3f T::* member, Uint<F> index) {
     const Uint<F> at = index * Uint<F>(detail::words<T>);
     return {gather(&first.x, at), gather(&first.y, at), gather(&first.z, at)};
 }
+/// base[index .. index + 2] in each lane, of an array of `size` >= 4 words: four at once,
+/// the last three from one before them.
+template <class F>
+inline std::array<F, 3> gather3(const float* base, std::uint32_t size, Uint<F> index) {
+    const Uint<F> begin = min(index, Uint<F>(size - 4));
+    const std::array<F, 4> four = gather4(base, begin);
+    const auto last = begin != index;
+    return {select(last, four[1], four[0]), select(last, four[2], four[1]),
+            select(last, four[3], four[2])};
+}
 /// `count` words (a multiple of four) of an element, from word `first` on: much cheaper
 /// than as many gathers. Words that are no floats keep their bits (`as_uint`).
 template <class F, std::uint32_t count, class T>

@@ -76,6 +76,13 @@ template <class F>
 inline F max_component(const Vec3<F>& v) {
     return max(v.x, max(v.y, v.z));
 }
+/// Component 0 (x), 1 (y) or 2 (z).
+inline float component(const Vec3f& v, int axis) {
+    return axis == 0 ? v.x : axis == 1 ? v.y : v.z;
+}
+inline float& component(Vec3f& v, int axis) {
+    return axis == 0 ? v.x : axis == 1 ? v.y : v.z;
+}
 /// The greatest magnitude of a component.
 template <class F>
 inline F max_abs(const Vec3<F>& v) {

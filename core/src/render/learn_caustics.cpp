@@ -31,9 +31,12 @@ void for_rays(std::size_t blocks, const Follow& follow) {
 CausticGuide learn_caustics(const Scene& scene, const Accel& accel,
                             const EstimatorSettings& estimator, std::uint32_t seed,
                             std::uint64_t samples) {
-    const PhotonSource source(scene);
     // The shortest path by way of another surface has three segments.
-    if (source.empty() || estimator.max_depth < 3) {
+    if (estimator.max_depth < 3) {
+        return {};
+    }
+    const PhotonSource source(scene);
+    if (source.empty()) {
         return {};
     }
     const std::uint64_t wanted = std::min(samples / samples_a_ray, most_rays);

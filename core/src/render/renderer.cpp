@@ -48,11 +48,11 @@ Renderer::Renderer(const Scene& scene, const Accel& accel, const Camera& camera,
     }
     if (e.integrator == IntegratorKind::path && !options_.reference) {
         const FilmLayers& layers = options_.layers;
-        batch_scene_ = std::make_unique<BatchScene>(
-            BatchScene{scene_, accel_, camera_, filter_, e, options_.width,
-                       options_.height, options_.seed,
-                       layers.albedo || layers.normal || layers.depth, ShapeList(scene_),
-                       options_.few_triangles ? FewTriangles(scene_) : FewTriangles()});
+        batch_scene_ = std::make_unique<BatchScene>(BatchScene{
+            scene_, accel_, camera_, filter_, e, options_.width, options_.height,
+            options_.seed, layers.albedo || layers.normal || layers.depth,
+            ShapeList(scene_),
+            options_.few_triangles ? FewTriangles(scene_) : FewTriangles(), &guide_});
     }
 }
 
@@ -132,9 +132,6 @@ void Renderer::prepare_guide() {
     const auto samples = static_cast<std::uint64_t>(options_.width) *
                          static_cast<std::uint64_t>(options_.height) * options_.spp;
     guide_ = learn_caustics(scene_, accel_, e, options_.seed, samples);
-    if (batch_scene_ && !guide_.empty()) {
-        batch_scene_->guide = &guide_;
-    }
 }
 
 void Renderer::render_tile(const Tile& tile, std::uint32_t end, Worker& worker) {
@@ -235,8 +232,7 @@ Vec3f Renderer::render_sample(int x, int y, std::uint32_t index, RayCounts& coun
                               FirstHit& first) {
     const SampleKey<float> key = sample_key(options_.seed, static_cast<std::uint32_t>(x),
                                             static_cast<std::uint32_t>(y), index);
-    const Context c{scene_, accel_, options_.estimator,
-                    key,    counts, guide_.empty() ? nullptr : &guide_};
+    const Context c{scene_, accel_, options_.estimator, key, counts, &guide_};
     const Sample4<float> u = c.draw(camera_group);
     const float px = static_cast<float>(x) + 0.5f + filter_.offset(u[0]);
     const float py = static_cast<float>(y) + 0.5f + filter_.offset(u[1]);

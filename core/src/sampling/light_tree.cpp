@@ -85,10 +85,6 @@ struct Split {
     float position = 0.0f;
 };
 
-float component(const Vec3f& v, int axis) {
-    return axis == 0 ? v.x : axis == 1 ? v.y : v.z;
-}
-
 /// The cheapest of the binned planes across the lights' centres.
 Split best_split(const std::vector<std::uint32_t>& order, std::size_t begin,
                  std::size_t end, const std::vector<LightBounds>& lights,

@@ -50,21 +50,19 @@ inline TexelOf<F> lookup_float_image(const ImageTexture& t, const Vec2<F>& uv) {
                                 Uint<F>(static_cast<std::uint32_t>(t.width)) +
                             wrapped(ix, t.width, t.wrap_u)) *
                            Uint<F>(static_cast<std::uint32_t>(t.channels));
-        if (t.channels >= 3 && words >= 4) {
-            // Four words at once: the last texel of three is read from one before it.
-            const Uint<F> begin = min(at, Uint<F>(words - 4));
-            const auto four = gather4(pixels, begin);
-            const auto last = begin != at;
-            return {{select(last, four[1], four[0]), select(last, four[2], four[1]),
-                     select(last, four[3], four[2])},
-                    t.channels == 4 ? four[3] : F(1.0f)};
+        if (t.channels == 4) {
+            const auto four = gather4(pixels, at);
+            return {{four[0], four[1], four[2]}, four[3]};
+        }
+        if (t.channels == 3 && words >= 4) {
+            const auto three = gather3<F>(pixels, words, at);
+            return {{three[0], three[1], three[2]}, F(1.0f)};
         }
         const F first = gather(pixels, at);
         if (t.channels <= 2) {
             return {Vec3<F>(first), t.channels == 2 ? gather(pixels + 1, at) : F(1.0f)};
         }
-        return {{first, gather(pixels + 1, at), gather(pixels + 2, at)},
-                t.channels == 4 ? gather(pixels + 3, at) : F(1.0f)};
+        return {{first, gather(pixels + 1, at), gather(pixels + 2, at)}, F(1.0f)};
     };
     if (t.filter == TextureFilter::nearest) {
         return fetch(floor(x), floor(y));

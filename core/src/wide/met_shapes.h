@@ -36,15 +36,9 @@ struct LaneBuffer3 {
     Vec3<F> all() const { return {x.all(), y.all(), z.all()}; }
 };
 
-/// Rows of three words, a lane each; `rows` of them in all, at least two. Rows are read
-/// by four words, which the last one does not have: it is read from one word before it.
+/// Rows of three words, a lane each; `rows` of them in all, at least two.
 inline std::array<F, 3> gather_triple(const float* array, std::uint32_t rows, U row) {
-    const U at = row * U(3u);
-    const U begin = min(at, U(3 * rows - 4));
-    const std::array<F, 4> four = gather4(array, begin);
-    const M last = begin != at;
-    return {select(last, four[1], four[0]), select(last, four[2], four[1]),
-            select(last, four[3], four[2])};
+    return gather3<F>(array, 3 * rows, row * U(3u));
 }
 inline Vec3<F> gather_point(const float* array, std::uint32_t rows, U row) {
     const std::array<F, 3> x = gather_triple(array, rows, row);

@@ -3,6 +3,7 @@
 #include "bsdf/make_bsdf.h"
 #include "integrator/geometry.h"
 #include "integrator/guided.h"
+#include "integrator/mis.h"
 #include "integrator/roulette.h"
 #include "integrator/surface.h"
 #include "light/sample_light.h"
@@ -13,28 +14,6 @@
 
 namespace raykiln {
 inline namespace RAYKILN_WIDE_NAMESPACE {
-
-inline F weight_of_bsdf(Strategy strategy, F pdf_bsdf, F pdf_light) {
-    switch (strategy) {
-        case Strategy::light_only:
-            return F(0.0f);
-        case Strategy::bsdf_only:
-            return F(1.0f);
-        case Strategy::mis:
-            break;
-    }
-    return mis_weight_of_bsdf(pdf_bsdf, pdf_light);
-}
-
-inline F weight_of_light(Strategy strategy, M delta, F pdf_light, F pdf_bsdf) {
-    if (strategy == Strategy::light_only) {
-        return F(1.0f);
-    }
-    const F other = strategy == Strategy::bsdf_only
-                        ? F(0.0f)
-                        : mis_weight_of_light(pdf_light, pdf_bsdf);
-    return select(delta, F(1.0f), other);
-}
 
 inline Geometry<F> geometry_of(const MetShapes& met, const Paths& paths, U slots) {
     Geometry<F> g;
