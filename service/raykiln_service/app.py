@@ -125,7 +125,11 @@ async def _end_revoked(service: Service) -> None:
         await asyncio.sleep(_REVOKED_S)
         try:
             if owners := service.hub.owners():
-                for owner in await run_in_threadpool(service.tokens.inactive, owners):
+                ended = await run_in_threadpool(service.tokens.inactive, owners)
+                if ended:
+                    # First, so that nobody whose stream has ended is let in once more.
+                    service.tokens.forget()
+                for owner in ended:
                     service.hub.end_of(owner)
         except SQLAlchemyError as error:
             logs.get_logger().warning("tokens not looked at", error=str(error))

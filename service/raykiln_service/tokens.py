@@ -189,7 +189,7 @@ class TokenStore:
 
     def find(self, text: str) -> Caller | None:
         """Who has this token; None if nobody has it, or no longer."""
-        digest = _digest(text)
+        digest, asked = _digest(text), time.monotonic()
         with self._database.read() as connection:
             row = connection.execute(
                 sa.select(tokens).where(tokens.c.digest == digest)
@@ -200,7 +200,7 @@ class TokenStore:
         if token.state(self._clock()) != "active":
             return None
         with self._lock:
-            self._known[digest] = (token, time.monotonic() + _TRUSTED_S)
+            self._known[digest] = (token, asked + _TRUSTED_S)
             self._known.move_to_end(digest)
             while len(self._known) > _CACHED:
                 self._known.popitem(last=False)
