@@ -132,38 +132,45 @@ class LocalExecutor:
 
     def run(self, slot: int, task: Task, watcher: Watcher) -> Outcome:
         """Run one task to its end, whatever the child does."""
-        try:
-            worker = self._pool.take(task.scene_key)
-        except OSError as error:
-            detail = f"no render process could be started: {error.strerror or error}"
-            problem = {"reason": "crashed", "title": "No render process", "detail": detail}
-            return Outcome(OutcomeKind.BROKEN, error=problem)
-        try:
-            outcome = self._run_in(worker, task, watcher)
-        except BaseException:
+        while True:
+            try:
+                worker = self._pool.take(task.scene_key)
+            except OSError as error:
+                detail = f"no render process could be started: {error.strerror or error}"
+                problem = {"reason": "crashed", "title": "No render process", "detail": detail}
+                return Outcome(OutcomeKind.BROKEN, error=problem)
+            try:
+                outcome = self._run_in(worker, task, watcher)
+            except BaseException:
+                self._pool.discard(worker)
+                raise
+            worker.child.on_line = None
+            if outcome is not None and outcome.kind is OutcomeKind.DONE:
+                # What lies there would outlive the job's deletion.
+                worker.desk.clear()
+                self._pool.give_back(worker)
+                return outcome
             self._pool.discard(worker)
-            raise
-        worker.child.on_line = None
-        if outcome.kind is OutcomeKind.DONE:
-            # What lies there would outlive the job's deletion.
-            worker.desk.clear()
-            self._pool.give_back(worker)
-        else:
-            self._pool.discard(worker)
-        return outcome
+            if outcome is not None:
+                return outcome
 
-    def _run_in(self, worker: Worker, task: Task, watcher: Watcher) -> Outcome:
+    def _run_in(self, worker: Worker, task: Task, watcher: Watcher) -> Outcome | None:
+        """How the task ended; None if the child had died before, while it waited for one."""
         memory_bytes = min(task.memory_bytes or self.limits.memory_bytes, self.limits.memory_bytes)
         worker.desk.lay_out(task.checkpoint)
         worker.child.on_line = watcher.log
         worker.child.send(self._request(worker, task, memory_bytes))
-        return Supervision(
+        supervision = Supervision(
             worker,
             task,
             watcher,
             memory_bytes=memory_bytes,
             silence_s=self.limits.silence_s,
-        ).run()
+        )
+        outcome = supervision.run()
+        # Its end is told a moment after it, so the pool may have taken it for alive.
+        is_old = worker.tasks > 0 and not supervision.was_heard
+        return None if is_old and outcome.error.get("reason") == "crashed" else outcome
 
     def _request(self, worker: Worker, task: Task, memory_bytes: int) -> dict[str, Any]:
         frame = task.unit.frame

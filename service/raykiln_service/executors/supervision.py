@@ -57,6 +57,8 @@ class Supervision:
         self._kill_at = float("inf")
         self._grace_ends = float("inf")
         self._heard_at = now
+        self.was_heard = False
+        """Whether the child has said anything of the task."""
         left = task.time_left_s
         self._ends_at = float("inf") if left is None else now + left
 
@@ -68,6 +70,7 @@ class Supervision:
                 return self._gone()
             if message.get("token") == self._task.token:
                 self._heard_at = time.monotonic()
+                self.was_heard = True
                 outcome = self._heard(message)
                 if outcome is not None:
                     return outcome
