@@ -343,8 +343,8 @@ def test_a_silent_child_is_ended(render: Callable[..., Outcome]) -> None:
 
 
 def test_a_child_that_loads_may_be_silent_for_longer(render: Callable[..., Outcome]) -> None:
-    program = "time.sleep(1.5); tell('done', result={})"
-    assert render(program, Limits(silence_s=0.5)).kind is OutcomeKind.DONE
+    program = "time.sleep(2.5); tell('done', result={})"
+    assert render(program, Limits(silence_s=1.0)).kind is OutcomeKind.DONE
 
 
 @pytest.mark.parametrize("after", ["time.sleep(60)", "tell('stopped', result={'complete': False})"])
@@ -358,6 +358,9 @@ def test_a_task_ends_when_its_time_is_over(
     tell("partial", result={{"complete": False}})
     {after}
     """
+    # An image of before is worth waiting for, however late the child comes to say its first word.
+    (place / "job").mkdir()
+    (place / "job" / "checkpoint").write_text("of before")
     outcome = render(program, Limits(), time_left_s=0.3)
     assert outcome.kind is OutcomeKind.TIMED_OUT
     assert outcome.error["reason"] == "timeout"

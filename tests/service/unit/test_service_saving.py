@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+import threading
 from pathlib import Path
 
 import numpy as np
@@ -47,8 +48,16 @@ def test_all_files_are_written(tmp_path: Path, stopped: bool, wanted: int) -> No
 
 
 def test_from_a_stop_on_nothing_is_compressed_any_more(tmp_path: Path) -> None:
-    saving = Saving(result_of(1024), tmp_path, ("exr",), lambda: None)
-    saving.run((tmp_path / "image.exr").exists)
+    seen = threading.Event()
+
+    def is_stopped() -> bool:
+        if (tmp_path / "image.exr").exists():
+            seen.set()
+        return seen.is_set()
+
+    # What comes after the image waits for the stop, so that it always comes in time.
+    saving = Saving(result_of(1024), tmp_path, ("exr",), lambda: bool(seen.wait(60)))
+    saving.run(is_stopped)
     assert names_in(tmp_path)[:3] == ALL[:3]
     assert compression(tmp_path / "image.exr") == 3
     assert compression(tmp_path / "depth.exr") == 0
