@@ -7,7 +7,6 @@ import os
 import secrets
 import shutil
 import signal
-import socket
 import struct
 import subprocess
 import sys
@@ -22,6 +21,7 @@ from typing import Any
 import httpx
 import pytest
 import sqlalchemy as sa
+from ports import free_port
 from raykiln_service.database import Database
 from raykiln_service.store import Store
 
@@ -63,9 +63,7 @@ def postgres() -> Iterator[str]:
             # The server refuses to run as root.
             as_user = ["runuser", "-u", "postgres", "--"]
             shutil.chown(folder, "postgres")
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            port = probe.getsockname()[1]
+        port = free_port()
 
         def run(program: str, *arguments: str) -> None:
             command = [*as_user, str(programs[-1] / program), "-D", str(folder / "data")]
@@ -207,7 +205,7 @@ class Server:
     def stop(self) -> int:
         """End the service as an init system does; its exit code."""
         self.process.terminate()
-        return self.process.wait(timeout=15)
+        return self.process.wait(timeout=60)
 
 
 class Starter:

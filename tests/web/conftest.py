@@ -66,7 +66,7 @@ class Tab:
     def __call__(self, url: str, **options: Any) -> Any:
         """A page in a context of its own, with the options of the context."""
         context = self._browser.new_context(**options)
-        context.set_default_timeout(20_000)
+        context.set_default_timeout(60_000)
         self._contexts.append(context)
         page = context.new_page()
         page.on("pageerror", lambda error: self.errors.append(str(error)))
