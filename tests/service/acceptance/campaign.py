@@ -13,7 +13,8 @@ from typing import Any
 from raykiln.image import read_exr_layers
 from raykiln_service.jobs import TRANSITIONS, JobState
 
-SETTINGS = {"width": 96, "height": 64, "spp": 160, "seed": 7, "aovs": ["albedo"]}
+# By one thread, so that many processors do not end it before it can be disturbed.
+SETTINGS = {"width": 96, "height": 64, "spp": 1600, "seed": 7, "threads": 1, "aovs": ["albedo"]}
 
 
 def pixels(server: Any, job_id: str) -> dict[str, bytes]:
@@ -63,10 +64,19 @@ def is_running(pid: int) -> bool:
 
 def wait_until_gone(pid: int) -> None:
     """A child must not outlive its service."""
-    deadline = time.monotonic() + 20
+    deadline = time.monotonic() + 60
     while is_running(pid):
         assert time.monotonic() < deadline, f"process {pid} outlives its service"
         time.sleep(0.02)
+
+
+def wait_for_children(server: Any) -> list[int]:
+    """Process ids of what renders for a service, once there is something."""
+    deadline = time.monotonic() + 60
+    while not (found := render_children(server)):
+        assert time.monotonic() < deadline, "nothing renders"
+        time.sleep(0.02)
+    return found
 
 
 def kill_children(server: Any) -> None:

@@ -19,6 +19,7 @@ from campaign import (
     kill_children,
     pixels,
     render_children,
+    wait_for_children,
     wait_until_gone,
 )
 
@@ -153,7 +154,7 @@ def test_a_killed_render_child_is_one_lost_attempt(
     server = serve(checkpoint_interval_s=0.0)
     job_id = server.submit(scene={"inline": ball}, settings=SETTINGS)["id"]
     server.wait_for(job_id, lambda view: (view["progress"]["spp_done"] or 0) >= 2)
-    for pid in render_children(server):
+    for pid in wait_for_children(server):
         os.kill(pid, signal.SIGSEGV)
     job = server.wait_for_end(job_id)
     assert (job["state"], job["attempts"], job["interruptions"]) == ("succeeded", 2, 0)
@@ -175,7 +176,7 @@ def test_a_job_whose_child_always_dies_fails_with_the_reason(
                 and view["progress"]["phase"] == "render"
             ),
         )
-        for pid in render_children(server):
+        for pid in wait_for_children(server):
             os.kill(pid, signal.SIGKILL)
     job = server.wait_for_end(job_id)
     assert job["state"] == "failed"
@@ -189,7 +190,7 @@ def test_sigterm_keeps_the_finished_passes_and_gives_the_job_back(
     serve: Any, ball: dict[str, Any]
 ) -> None:
     server = serve(checkpoint_interval_s=1000)
-    body = {"scene": {"inline": ball}, "settings": {**SETTINGS, "spp": 2000}, "cache": False}
+    body = {"scene": {"inline": ball}, "settings": {**SETTINGS, "spp": 4000}, "cache": False}
     job_id = server.submit(**body)["id"]
     server.wait_for(job_id, lambda view: (view["progress"]["spp_done"] or 0) >= 8)
     assert server.stop() == 0
@@ -207,9 +208,12 @@ def test_a_damaged_checkpoint_means_starting_over(
 ) -> None:
     server = serve(checkpoint_interval_s=0.0)
     job_id = server.submit(scene={"inline": ball}, settings=SETTINGS)["id"]
-    server.wait_for(job_id, lambda view: (view["progress"]["spp_done"] or 0) >= 8)
-    server.kill_all()
     checkpoint = server.data_dir / "jobs" / job_id / "checkpoint"
+    # The news of a pass come before its checkpoint.
+    server.wait_for(
+        job_id, lambda view: (view["progress"]["spp_done"] or 0) >= 8 and checkpoint.exists()
+    )
+    server.kill_all()
     damaged = bytearray(checkpoint.read_bytes())
     damaged[len(damaged) // 2] ^= 0xFF
     checkpoint.write_bytes(damaged)

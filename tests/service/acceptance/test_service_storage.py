@@ -109,7 +109,7 @@ def test_a_data_folder_that_is_read_only(small_disk: Path) -> None:
         capture_output=True,
         text=True,
         check=False,
-        timeout=60,
+        timeout=120,
     )
     assert ended.returncode == 2
     (line,) = ended.stderr.splitlines()
@@ -126,7 +126,7 @@ def test_a_database_that_another_process_locks(
         job_id = ask(client, ball).raise_for_status().json()["id"]
         client.post("/v1/queue/resume").raise_for_status()
         server.wait_for(job_id, lambda job: job["state"] == "running")
-        other = sqlite3.connect(server.data_dir / "raykiln.db", isolation_level=None)
+        other = sqlite3.connect(server.data_dir / "raykiln.db", timeout=60, isolation_level=None)
         other.execute("BEGIN EXCLUSIVE")
         try:
             # Looking goes on; what would have to be written is refused after a while.
@@ -204,7 +204,7 @@ def test_sigterm_gives_the_job_back_whatever_it_does(
         job_id = ask(client, ball).raise_for_status().json()["id"]
     time.sleep(seed * 0.4)
     server.process.send_signal(signal.SIGTERM)
-    assert server.process.wait(timeout=30) == 0
+    assert server.process.wait(timeout=60) == 0
     with sqlite3.connect(f"file:{server.data_dir}/raykiln.db?mode=ro", uri=True) as database:
         ((state, token),) = database.execute("SELECT state, lease_token FROM jobs").fetchall()
     database.close()
