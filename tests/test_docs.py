@@ -123,7 +123,7 @@ def test_every_route_is_explained(data_dir: Path) -> None:
         r"^\| `([A-Z]+ [^`]+)` \|", (REFERENCE / "http.md").read_text(), re.MULTILINE
     )
     with service(data_dir) as server:
-        paths = httpx.get(f"{server}/openapi.json").raise_for_status().json()["paths"]
+        paths = httpx.get(f"{server}/openapi.json", timeout=60).raise_for_status().json()["paths"]
     served = {f"{method.upper()} {path}" for path, calls in paths.items() for method in calls}
     assert _placeholders(served) <= _placeholders(set(named))
 

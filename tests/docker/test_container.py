@@ -48,7 +48,7 @@ def wait_until_healthy(url: str) -> None:
     deadline = time.monotonic() + 60
     while True:
         try:
-            httpx.get(f"{url}/healthz").raise_for_status()
+            httpx.get(f"{url}/healthz", timeout=60).raise_for_status()
             return
         except httpx.HTTPError:
             assert time.monotonic() < deadline, "the service never became healthy"
@@ -62,7 +62,7 @@ def test_serves_jobs_to_those_with_the_token(engine: Engine) -> None:
     options = ("-e", f"PORT={port}", "-e", "RAYKILN_TOKEN=a-token-for-this-test")
     with engine.service(name, *options):
         wait_until_healthy(url)
-        assert httpx.post(f"{url}/v1/jobs", json=job).status_code == 401
+        assert httpx.post(f"{url}/v1/jobs", json=job, timeout=60).status_code == 401
         with httpx.Client(
             base_url=url, headers={"Authorization": "Bearer a-token-for-this-test"}, timeout=90
         ) as client:
@@ -77,14 +77,14 @@ def test_makes_a_token_when_none_is_given(engine: Engine, folder: Path) -> None:
     url = f"http://127.0.0.1:{port}"
     with engine.service(name, "-e", f"PORT={port}", "-v", f"{folder}:/data"):
         wait_until_healthy(url)
-        assert httpx.get(f"{url}/v1/jobs").status_code == 401
+        assert httpx.get(f"{url}/v1/jobs", timeout=60).status_code == 401
         # The token's file is for the container's user only.
         look = ["-v", f"{folder}:/data", "--entrypoint", "cat"]
         token = engine.run("/data/token", options=look).stdout.strip()
         assert len(token) >= 32
         assert token not in engine.logs(name)
         headers = {"Authorization": f"Bearer {token}"}
-        assert httpx.get(f"{url}/v1/jobs", headers=headers).status_code == 200
+        assert httpx.get(f"{url}/v1/jobs", headers=headers, timeout=60).status_code == 200
 
 
 def test_health_check_tells_a_service_from_none(engine: Engine) -> None:

@@ -98,12 +98,12 @@ def test_a_token_carries_a_checksum() -> None:
 
 def test_nothing_without_a_token(guarded: Any) -> None:
     for path in ("/v1/jobs", "/metrics", "/v1/nothing", "/v1/events"):
-        reply = httpx.get(f"{guarded.url}{path}")
+        reply = httpx.get(f"{guarded.url}{path}", timeout=60)
         assert reply.status_code == 401
         assert reply.headers["WWW-Authenticate"] == 'Bearer realm="raykiln"'
         assert reply.headers["Content-Type"] == "application/problem+json"
     for path in ("/healthz", "/readyz", "/", "/docs", "/openapi.json"):
-        assert httpx.get(f"{guarded.url}{path}").status_code == 200
+        assert httpx.get(f"{guarded.url}{path}", timeout=60).status_code == 200
 
 
 @pytest.mark.parametrize(
@@ -117,7 +117,7 @@ def test_nothing_without_a_token(guarded: Any) -> None:
     ],
 )
 def test_a_token_that_nobody_has(guarded: Any, header: str) -> None:
-    reply = httpx.get(f"{guarded.url}/v1/jobs", headers={"Authorization": header})
+    reply = httpx.get(f"{guarded.url}/v1/jobs", headers={"Authorization": header}, timeout=60)
     assert reply.status_code == 401
     assert 'error="invalid_token"' in reply.headers["WWW-Authenticate"]
     assert len(header) < 20 or header.split()[-1] not in reply.text
@@ -153,23 +153,26 @@ def test_what_a_revoked_token_reads_ends(
 ) -> None:
     """The streams of other tokens go on; who has lost a stream is let in nowhere else."""
     admin = create(guarded.data_dir, "watcher", "--scope", "admin")
-    endless = {"width": 32, "height": 32, "spp": 1 << 20, "threads": 1}
+    endless = {"width": 256, "height": 256, "spp": 1 << 20, "threads": 1}
     body = {"scene": {"inline": ball}, "settings": endless}
     job = alice.post("/v1/jobs", json=body).raise_for_status().json()
     address = path.format(job["id"])
-    with client_of(guarded, admin) as watcher:
-        with watcher.stream("GET", address) as read, alice.stream("GET", address) as other:
-            lines, other_lines = read.iter_lines(), other.iter_lines()
-            assert next(lines) == next(other_lines) == "retry: 1000"
-            assert watcher.get("/v1/jobs").status_code == 200
-            # Not by the command, whose start takes as long as the service remembers a token.
-            with open_database(guarded.data_dir, None) as database:
-                TokenStore(database).revoke("watcher")
-            # The job goes on, so nothing but the token can be the end of it.
-            assert all("cancelled" not in line for line in lines)
-            assert watcher.get("/v1/jobs").status_code == 401
-            alice.post(f"/v1/jobs/{job['id']}/cancel").raise_for_status()
-            assert any('"cancelled"' in line for line in other_lines)
+    with (
+        client_of(guarded, admin) as watcher,
+        watcher.stream("GET", address) as read,
+        alice.stream("GET", address) as other,
+    ):
+        lines, other_lines = read.iter_lines(), other.iter_lines()
+        assert next(lines) == next(other_lines) == "retry: 1000"
+        assert watcher.get("/v1/jobs").status_code == 200
+        # Not by the command, whose start takes as long as the service remembers a token.
+        with open_database(guarded.data_dir, None) as database:
+            TokenStore(database).revoke("watcher")
+        # The job goes on, so nothing but the token can be the end of it.
+        assert all("cancelled" not in line for line in lines)
+        assert watcher.get("/v1/jobs").status_code == 401
+        alice.post(f"/v1/jobs/{job['id']}/cancel").raise_for_status()
+        assert any('"cancelled"' in line for line in other_lines)
 
 
 def test_an_expired_token_is_refused(guarded: Any) -> None:
@@ -332,7 +335,7 @@ def test_an_idempotency_key_belongs_to_its_token(alice: httpx.Client, bob: httpx
 
 def test_a_loopback_service_asks_for_none_but_checks_what_comes(server: Any) -> None:
     text = create(server.data_dir, "me", "--scope", "read")
-    assert httpx.get(f"{server.url}/v1/jobs").status_code == 200
+    assert httpx.get(f"{server.url}/v1/jobs", timeout=60).status_code == 200
     with client_of(server, text) as client:
         assert client.get("/v1/jobs").status_code == 200
         assert client.post("/v1/jobs", json={}).status_code == 403
@@ -344,8 +347,8 @@ def test_a_token_is_enough_to_listen_for_others(serve: Any, tmp_path: Path) -> N
     text = create(tmp_path / "data", "first")
     server = serve(host="0.0.0.0")
     url = server.url.replace("0.0.0.0", "127.0.0.1")
-    assert httpx.get(f"{url}/v1/jobs").status_code == 401
-    own = httpx.get(f"{url}/v1/jobs", headers={"Authorization": f"Bearer {text}"})
+    assert httpx.get(f"{url}/v1/jobs", timeout=60).status_code == 401
+    own = httpx.get(f"{url}/v1/jobs", headers={"Authorization": f"Bearer {text}"}, timeout=60)
     assert own.status_code == 200
 
 

@@ -14,34 +14,40 @@ from typing import Any
 import httpx
 import pytest
 
-QUICK = {"width": 16, "height": 16, "spp": 1}
+ENDLESS = {"width": 256, "height": 256, "spp": 1 << 20}
 
 
 @pytest.fixture(scope="module")
 def small(module_serve: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
-    """A service with small limits, a token, and little patience."""
+    """A service with small limits and a token."""
     return module_serve(
         data_dir=str(tmp_path_factory.mktemp("small")),
         token="open sesame",
         max_json_bytes=20_000,
         max_asset_bytes=50_000,
-        request_timeout_s=1.0,
         max_bundle_entries=3,
         max_queued=1,
     )
 
 
+@pytest.fixture(scope="module")
+def hasty(module_serve: Any, tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """A service with little patience, and a token."""
+    folder = str(tmp_path_factory.mktemp("hasty"))
+    return module_serve(data_dir=folder, token="open sesame", request_timeout_s=2.0)
+
+
 def test_no_call_without_the_token(small: Any) -> None:
     for header in (None, "Bearer wrong", "Basic open sesame", "Bearer", "Bearer sésame"):
         headers = [] if header is None else [(b"Authorization", header.encode())]
-        reply = httpx.get(f"{small.url}/v1/jobs", headers=headers)
+        reply = httpx.get(f"{small.url}/v1/jobs", headers=headers, timeout=60)
         assert reply.status_code == 401
         assert reply.headers["WWW-Authenticate"].startswith("Bearer")
         assert reply.headers["Content-Type"] == "application/problem+json"
-    assert httpx.get(f"{small.url}/metrics").status_code == 401
+    assert httpx.get(f"{small.url}/metrics", timeout=60).status_code == 401
     for path in ("/healthz", "/readyz", "/", "/web/main.js", "/docs"):
-        assert httpx.get(f"{small.url}{path}").status_code == 200
-    assert httpx.get(f"{small.url}/v1/jobs", headers=small.headers).status_code == 200
+        assert httpx.get(f"{small.url}{path}", timeout=60).status_code == 200
+    assert httpx.get(f"{small.url}/v1/jobs", headers=small.headers, timeout=60).status_code == 200
     assert "sesame" not in small.log.read_text()
 
 
@@ -56,9 +62,9 @@ def test_too_much(small: Any, ball: dict[str, Any]) -> None:
         assert client.post("/v1/assets", content=b"x" * 50_000).status_code == 201
 
 
-def test_too_slow(small: Any) -> None:
-    host, port = small.url.removeprefix("http://").split(":")
-    with socket.create_connection((host, int(port)), timeout=15) as connection:
+def test_too_slow(hasty: Any) -> None:
+    host, port = hasty.url.removeprefix("http://").split(":")
+    with socket.create_connection((host, int(port)), timeout=60) as connection:
         connection.sendall(
             b"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Length: 100\r\n"
             b"Authorization: Bearer open sesame\r\n\r\n{"
@@ -70,11 +76,11 @@ def test_too_slow(small: Any) -> None:
     assert b"request-timeout" in reply
 
 
-def talk(small: Any, *pieces: bytes) -> bytes:
+def talk(hasty: Any, *pieces: bytes) -> bytes:
     """Send pieces with a pause between them; what comes back until the service hangs up."""
-    host, port = small.url.removeprefix("http://").split(":")
+    host, port = hasty.url.removeprefix("http://").split(":")
     reply = b""
-    with socket.create_connection((host, int(port)), timeout=15) as connection:
+    with socket.create_connection((host, int(port)), timeout=60) as connection:
         for piece in pieces:
             with contextlib.suppress(OSError):
                 connection.sendall(piece)
@@ -85,24 +91,24 @@ def talk(small: Any, *pieces: bytes) -> bytes:
     return reply
 
 
-def test_a_head_that_never_ends_is_hung_up_on(small: Any) -> None:
-    assert talk(small) == b""
-    assert talk(small, b"GET /healthz HTTP/1.1\r\n", *[b"X-A: b\r\n"] * 8) == b""
+def test_a_head_that_never_ends_is_hung_up_on(hasty: Any) -> None:
+    assert talk(hasty) == b""
+    assert talk(hasty, b"GET /healthz HTTP/1.1\r\n", *[b"X-A: b\r\n"] * 8) == b""
     again = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n"
-    assert talk(small, again, again, b"GET /heal").count(b"HTTP/1.1 200") == 2
+    assert talk(hasty, again, again, b"GET /heal").count(b"HTTP/1.1 200") == 2
 
 
-def test_a_body_that_trickles_is_refused(small: Any) -> None:
+def test_a_body_that_trickles_is_refused(hasty: Any) -> None:
     head = (
         b"POST /v1/assets HTTP/1.1\r\nHost: localhost\r\nContent-Length: 1000\r\n"
         b"Authorization: Bearer open sesame\r\n\r\n"
     )
-    assert talk(small, head, *[b"x"] * 8).startswith(b"HTTP/1.1 408")
-    assert list((small.data_dir / "tmp").iterdir()) == []
+    assert talk(hasty, head, *[b"x"] * 8).startswith(b"HTTP/1.1 408")
+    assert list((hasty.data_dir / "tmp").iterdir()) == []
 
 
 def test_a_full_queue(small: Any, ball: dict[str, Any]) -> None:
-    body = {"scene": {"inline": ball}, "settings": {**QUICK, "spp": 1_000_000}}
+    body = {"scene": {"inline": ball}, "settings": ENDLESS}
     with small.client() as client:
         running = small.submit(**body)
         small.wait_for(running["id"], lambda view: view["state"] == "running")
@@ -140,7 +146,7 @@ def start(**settings: Any) -> str:
         [sys.executable, "-c", code, json.dumps(settings)],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=120,
         check=True,
     )
     assert "Traceback" not in found.stderr

@@ -6,6 +6,7 @@ import json
 import re
 import sys
 import threading
+import time
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
@@ -46,7 +47,12 @@ def test_every_end_and_every_refusal_is_counted(server: Any, ball: dict[str, Any
         assert client.post("/v1/jobs", json={"scene": {"inline": BROKEN}}).status_code == 422
         assert client.get("/v1/jobs/job-none").status_code == 404
         assert client.get("/no/such/page").status_code == 404
-    after = metrics(server)
+    # It is counted a moment after it shows.
+    deadline = time.monotonic() + 60
+    failed = 'raykiln_jobs_failed_total{reason="timeout"}'
+    while (after := metrics(server)).get(failed, 0) == before.get(failed, 0):
+        assert time.monotonic() < deadline, "the failure is not counted"
+        time.sleep(0.02)
 
     def grown(name: str) -> float:
         return after.get(f"raykiln_{name}", 0) - before.get(f"raykiln_{name}", 0)

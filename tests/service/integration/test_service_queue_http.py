@@ -161,7 +161,8 @@ def test_another_scene_is_rendered(server: Any, ball: dict[str, Any]) -> None:
 def test_what_is_partial_answers_nobody(
     client: httpx.Client, server: Any, ball: dict[str, Any]
 ) -> None:
-    body = {"scene": {"inline": ball}, "settings": {**SMALL, "spp": 1_000_000, "seed": 44}}
+    endless = {"width": 256, "height": 256, "spp": 1 << 20, "seed": 44}
+    body = {"scene": {"inline": ball}, "settings": endless}
     first = server.submit(**body)
     server.wait_for(first["id"], lambda job: (job["progress"]["spp_done"] or 0) > 0)
     client.post(f"/v1/jobs/{first['id']}/cancel").raise_for_status()

@@ -111,7 +111,7 @@ def hooked(module_serve: Any, folder: Path, trusted: Authority) -> Any:
 def delivery_to(server: Any, ball: dict[str, Any], url: str) -> dict[str, Any]:
     """How the news of a job's end fared."""
     job = server.submit(scene={"inline": ball}, settings=QUICK, cache=False, webhook={"url": url})
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + 120
     with server.client() as client:
         while True:
             items = client.get(f"/v1/jobs/{job['id']}/deliveries").json()["items"]
