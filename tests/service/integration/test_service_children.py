@@ -146,7 +146,9 @@ class TestMemory:
 
 class TestTime:
     def test_a_job_past_its_time_fails_with_its_image(self, server: Any, ball: Any) -> None:
-        job = done(server, scene={"inline": ball}, settings=ENDLESS, timeout_s=1.5)
+        # Loaded before, so that the time goes into the image on a slow machine too.
+        done(server, scene={"inline": ball}, settings=SMALL)
+        job = done(server, scene={"inline": ball}, settings=ENDLESS, timeout_s=3.0)
         assert (job["state"], job["attempts"]) == ("failed", 1)
         assert (job["error"]["reason"], job["complete"]) == ("timeout", False)
         layers = read_exr_layers(server.output(job["id"], "image.exr"))
@@ -161,10 +163,14 @@ class TestTime:
 
     def test_time_used_is_remembered(self, serve: Any, ball: Any) -> None:
         server = serve(heartbeat_s=0.1, checkpoint_interval_s=0.0)
-        job_id = server.submit(scene={"inline": ball}, settings=ENDLESS, timeout_s=3.0)["id"]
-        before = server.wait_for(job_id, lambda view: view["used_s"] >= 1.0)
+        job_id = server.submit(scene={"inline": ball}, settings=ENDLESS, timeout_s=900.0)["id"]
+        before = server.wait_for(
+            job_id,
+            lambda view: view["used_s"] >= 1.0 and (view["progress"]["spp_done"] or 0) >= 8,
+        )
         server.kill_all()
-        server = serve(heartbeat_s=0.1, checkpoint_interval_s=0.0)
+        limit = before["used_s"] + 2.0
+        server = serve(heartbeat_s=0.1, checkpoint_interval_s=0.0, max_job_s=limit)
         assert server.job(job_id)["used_s"] >= before["used_s"]
         job = server.wait_for_end(job_id)
         assert (job["error"]["reason"], job["attempts"]) == ("timeout", 2)
@@ -187,9 +193,8 @@ class TestTime:
         assert job["stats"]["spp"] >= 1
 
     def test_a_child_that_hangs_is_one_lost_attempt(self, serve: Any, ball: Any) -> None:
-        server = serve(silence_timeout_s=1.0)
-        settings = {**SMALL, "spp": 20000}
-        job_id = server.submit(scene={"inline": ball}, settings=settings)["id"]
+        server = serve(silence_timeout_s=3.0)
+        job_id = server.submit(scene={"inline": ball}, settings=ENDLESS)["id"]
         server.wait_for(job_id, lambda view: (view["progress"]["spp_done"] or 0) >= 2)
         (pid,) = children(server)
         os.kill(pid, signal.SIGSTOP)
@@ -197,7 +202,7 @@ class TestTime:
         with server.client() as client:
             client.post(f"/v1/jobs/{job_id}/cancel").raise_for_status()
         server.wait_for_end(job_id)
-        assert "said nothing for 1 s" in server.output(job_id, "log.txt").decode()
+        assert "said nothing for 3 s" in server.output(job_id, "log.txt").decode()
         assert pid not in children(server)
 
 
@@ -206,13 +211,28 @@ class TestCancel:
 
     @staticmethod
     def cancel_in(server: Any, phase: str, **body: Any) -> dict[str, Any]:
-        job_id = server.submit(cache=False, **body)["id"]
-        server.wait_for(job_id, lambda view: view["progress"]["phase"] == phase)
-        with server.client() as client:
-            client.post(f"/v1/jobs/{job_id}/cancel").raise_for_status()
-        job: dict[str, Any] = server.wait_for_end(job_id)
-        assert job["state"] == "cancelled"
-        return job
+        ended = ("succeeded", "failed", "cancelled")
+        # A job may be through with it before anybody could step in: then the next one.
+        for _ in range(10):
+            job_id = server.submit(cache=False, **body)["id"]
+            view = server.wait_for(
+                job_id, lambda view: view["progress"]["phase"] == phase or view["state"] in ended
+            )
+            if view["state"] not in ended:
+                # Whoever has nothing worth keeping yet is killed, also while it is held.
+                held = children(server) if phase == "load" else []
+                for pid in held:
+                    os.kill(pid, signal.SIGSTOP)
+                is_there = server.job(job_id)["progress"]["phase"] == phase
+                with server.client() as client:
+                    client.post(f"/v1/jobs/{job_id}/cancel")
+                for pid in [] if is_there else held:
+                    os.kill(pid, signal.SIGCONT)
+                job: dict[str, Any] = server.wait_for_end(job_id)
+                if is_there and job["state"] == "cancelled":
+                    return job
+            server.wait_for_end(job_id)
+        raise AssertionError(f"no job could be cancelled in the phase {phase}")
 
     @staticmethod
     def was_hurried(exr: bytes) -> bool:
@@ -237,18 +257,18 @@ class TestCancel:
 
     @pytest.mark.skipif(not denoise.available(), reason="the denoiser is not installed")
     def test_while_it_denoises(self, server: Any, ball: Any) -> None:
-        settings = {"width": 1024, "height": 1024, "spp": 1, "denoise": True}
+        settings = {"width": 1536, "height": 1536, "spp": 1, "denoise": True}
         job = self.cancel_in(server, "denoise", scene={"inline": ball}, settings=settings)
         assert job["complete"] is False
         image = server.output(job["id"], "image.exr")
         assert self.was_hurried(image)
         layers = read_exr_layers(image)
         # The image is there as it was before denoising.
-        assert layers["beauty"].shape == (1024, 1024, 3)
+        assert layers["beauty"].shape == (1536, 1536, 3)
         assert "noisy" not in layers
 
     def test_while_it_writes(self, server: Any, ball: Any) -> None:
-        settings = {"width": 1536, "height": 1024, "spp": 1, "aovs": ["albedo", "depth"]}
+        settings = {"width": 2048, "height": 1536, "spp": 1, "aovs": ["albedo", "depth"]}
         job = self.cancel_in(server, "encode", scene={"inline": ball}, settings=settings)
         assert "image.exr" in [output["name"] for output in job["outputs"]]
         layers = read_exr_layers(server.output(job["id"], "image.exr"))
@@ -256,7 +276,7 @@ class TestCancel:
         with server.client() as client:
             # Also where the time did not suffice to make it before.
             picture = client.get(f"/v1/jobs/{job['id']}/outputs/image.png").raise_for_status()
-        assert read_image(picture.content).shape == (1024, 1536, 3)
+        assert read_image(picture.content).shape == (1536, 2048, 3)
 
 
 def test_nothing_is_left_on_the_desks(serve: Any, ball: Any) -> None:
@@ -267,7 +287,7 @@ def test_nothing_is_left_on_the_desks(serve: Any, ball: Any) -> None:
     assert list(desks[0].iterdir()) == []
     assert server.stop() == 0
     assert list((server.data_dir / "tmp").glob("desk-*")) == []
-    deadline = time.monotonic() + 10
+    deadline = time.monotonic() + 60
     while children(server):
         assert time.monotonic() < deadline
         time.sleep(0.02)

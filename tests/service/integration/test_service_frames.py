@@ -18,8 +18,9 @@ import raykiln as rk
 from raykiln.image import read_exr_layers, read_image
 
 QUICK = {"width": 32, "height": 24, "spp": 4}
-# Long enough to be caught in the middle of a frame.
-SLOW = {"width": 32, "height": 24, "spp": 2048}
+# Long enough to be caught in the middle of a frame, however many processors there are.
+SLOW = {"width": 32, "height": 24, "spp": 8192, "threads": 1}
+SLOWER = {**SLOW, "spp": 16384}
 
 
 @pytest.fixture(scope="module")
@@ -291,10 +292,13 @@ def render_children(server: Any) -> list[int]:
 def test_a_frame_whose_process_crashes_is_tried_again_alone(
     server: Any, ball: dict[str, Any]
 ) -> None:
-    job = server.submit(scene={"inline": ball}, settings=SLOW, frames={"turntable": {"count": 3}})
+    job = server.submit(scene={"inline": ball}, settings=SLOWER, frames={"turntable": {"count": 3}})
     server.wait_for(
         job["id"],
-        lambda view: view["progress"]["frame"] == 2 and (view["progress"]["spp_done"] or 0) >= 4,
+        lambda view: (
+            view["progress"]["frame"] == 2
+            and (view["progress"]["spp_done"] or 0) in range(4, SLOWER["spp"] // 2)
+        ),
     )
     children = render_children(server)
     assert children
@@ -337,13 +341,12 @@ def test_one_poisonous_frame_fails_the_job_and_keeps_the_others(
 def test_cancel_keeps_what_is_done_and_retry_renders_the_rest(
     server: Any, client: httpx.Client, ball: dict[str, Any]
 ) -> None:
-    # A frame lasts long enough for the cancel to come well before its end.
-    slow = {**SLOW, "spp": 12 * SLOW["spp"]}
-    job = server.submit(scene={"inline": ball}, settings=slow, frames={"turntable": {"count": 4}})
+    job = server.submit(scene={"inline": ball}, settings=SLOWER, frames={"turntable": {"count": 4}})
     server.wait_for(
         job["id"],
         lambda view: (
-            done_frames(view) == 1 and (view["progress"]["spp_done"] or 0) in range(4, 8000)
+            done_frames(view) == 1
+            and (view["progress"]["spp_done"] or 0) in range(4, SLOWER["spp"] // 2)
         ),
     )
     client.post(f"/v1/jobs/{job['id']}/cancel").raise_for_status()
@@ -365,9 +368,16 @@ def test_cancel_keeps_what_is_done_and_retry_renders_the_rest(
     assert frames_of(server, job["id"])[0]["outputs"] == first
     log = server.output(job["id"], "log.txt").decode()
     assert log.count("frame 0001 of 4\n") == 1
-    folders = [p.name for p in (server.data_dir / "jobs" / job["id"]).iterdir()]
-    assert sum(name.startswith("frame-") for name in folders) == 4
-    assert not [name for name in folders if name.startswith(("work-", "checkpoint"))]
+
+    def left() -> list[str]:
+        return sorted(path.name for path in (server.data_dir / "jobs" / job["id"]).iterdir())
+
+    # What nobody needs any more goes a moment after the end.
+    deadline = time.monotonic() + 60
+    while any(name.startswith(("work-", "checkpoint")) for name in left()):
+        assert time.monotonic() < deadline, left()
+        time.sleep(0.02)
+    assert sum(name.startswith("frame-") for name in left()) == 4
 
 
 def test_a_kill_of_the_service_costs_no_finished_frame(serve: Any, ball: dict[str, Any]) -> None:
