@@ -112,14 +112,14 @@ Caller = Callable[..., Any]
 
 
 def blocking(server: str, name: str, *arguments: Any, **options: Any) -> Any:
-    with Client(server, timeout_s=5) as client:
+    with Client(server, timeout_s=60) as client:
         result = getattr(client, name)(*arguments, **options)
         return list(result) if name == "events" else result
 
 
 def asynchronous(server: str, name: str, *arguments: Any, **options: Any) -> Any:
     async def run() -> Any:
-        async with AsyncClient(server, timeout_s=5) as client:
+        async with AsyncClient(server, timeout_s=60) as client:
             result = getattr(client, name)(*arguments, **options)
             return [event async for event in result] if name == "events" else await result
 
@@ -214,9 +214,16 @@ def test_waiting_ends_with_the_job_as_it_is_then(call: Caller) -> None:
 
 
 def test_waiting_has_an_end(call: Caller) -> None:
-    with serving(stream(": nothing yet\n\n")) as (server, seen), pytest.raises(TimeoutError):
-        call(server, "wait", "j", timeout_s=0.1)
-    assert len(seen) == 1
+    nothing = stream(": nothing yet\n\n")
+
+    def nothing_more(request: Handler) -> None:
+        nothing(request)
+        # Until the client leaves.
+        request.rfile.read(1)
+
+    with serving(nothing, nothing_more) as (server, seen), pytest.raises(TimeoutError):
+        call(server, "wait", "j", timeout_s=2.0)
+    assert len(seen) == 2
 
 
 def test_events_of_an_unknown_job_are_refused_at_once(call: Caller) -> None:

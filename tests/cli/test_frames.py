@@ -74,7 +74,8 @@ def test_an_interrupted_turntable_goes_on_with_the_same_bits(
     raykiln: Run, scene: Path, tmp_path: Path
 ) -> None:
     """What is finished is kept, what was under way goes on, what is damaged is made anew."""
-    line = ["render", str(scene), "--turntable", "3", "--size", "128x96", "--spp", "600"]
+    size = ["--size", "128x96", "--spp", "600", "--threads", "1"]
+    line = ["render", str(scene), "--turntable", "3", *size]
     kept = ["--checkpoint", "turn.ckpt", "--checkpoint-interval", "0.05"]
     assert raykiln(*line, "-o", "whole.exr", "-q").code == 0
     child = subprocess.Popen([*COMMAND, *line, "-o", "a.exr", *kept, "-q"], cwd=tmp_path)
