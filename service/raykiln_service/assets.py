@@ -27,7 +27,7 @@ import secrets
 import shutil
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any, BinaryIO
@@ -135,6 +135,14 @@ class AssetStore:
     def job_dir(self, job_id: str) -> Path:
         """The folder of a job."""
         return self.root / "jobs" / job_id
+
+    def remove_job(self, job_id: str) -> None:
+        """Remove the folder of a job; who still writes its last log line must not bring it back."""
+        gone = self.tmp / f"gone-{secrets.token_hex(8)}"
+        with suppress(OSError):
+            self.job_dir(job_id).rename(gone)
+        remove_tree(gone)
+        remove_tree(self.job_dir(job_id))
 
     def path_of(self, asset_id: str) -> Path:
         """Where an asset's bytes lie."""

@@ -80,7 +80,7 @@ class Keeper:
             sweep.bytes += freed.get(job.id, 0)
             if not dry_run:
                 self._forget(job.id)
-                remove_tree(self._assets.job_dir(job.id))
+                self._assets.remove_job(job.id)
 
     def _is_old(self, job: EndedJob) -> bool:
         keep_s = self._settings.keep_results_s

@@ -16,7 +16,6 @@ from fastapi.concurrency import run_in_threadpool
 
 from raykiln_service.access import Caller
 from raykiln_service.errors import InvalidRequestError, ServiceError
-from raykiln_service.files import remove_tree
 from raykiln_service.jobs import Job, JobState
 from raykiln_service.logs import get_logger
 from raykiln_service.replies import Reply
@@ -162,7 +161,7 @@ def delete_job(job_id: str, context: InContext) -> None:
     """Forget an ended job, and remove its outputs."""
     context.store.delete(job_id)
     context.hub.forget(job_id)
-    remove_tree(context.assets.job_dir(job_id))
+    context.assets.remove_job(job_id)
 
 
 async def _wait_for_end(context: Context, caller: Caller, job_id: str, wait_s: int) -> Job:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -225,14 +227,37 @@ def test_a_removal_that_breaks_off_half_way_is_finished_later(
     folder.ended("a")
     folder.clock.ms += HOUR_MS
 
-    def broken(_path: Path) -> None:
+    def broken(_job_id: str) -> None:
         raise OSError("half-way")
 
     with monkeypatch.context() as patch:
-        patch.setattr("raykiln_service.retention.remove_tree", broken)
+        patch.setattr(folder.assets, "remove_job", broken)
         with pytest.raises(OSError, match="half-way"):
             folder.sweep(keep_results_s=0)
     assert folder.left() == set()
     os.utime(folder.assets.job_dir("a"), (1, 1))
     assert folder.sweep().stray_files == ["jobs/a"]
     assert not folder.assets.job_dir("a").exists()
+
+
+def test_a_last_line_of_a_log_brings_no_folder_back(folder: Folder) -> None:
+    folder.job("a")
+    log = folder.assets.job_dir("a") / "log.txt"
+    stop = threading.Event()
+
+    def write() -> None:
+        while not stop.is_set():
+            with suppress(FileNotFoundError), log.open("a") as file:
+                file.write("ends\n")
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    try:
+        while not log.exists():
+            pass
+        folder.assets.remove_job("a")
+        assert not log.parent.exists()
+    finally:
+        stop.set()
+        writer.join()
+    assert list(folder.assets.tmp.iterdir()) == []
