@@ -122,7 +122,7 @@ def service(data_dir: Path) -> Iterator[str]:
         yield _address(process, log)
     finally:
         process.send_signal(signal.SIGTERM)
-        process.wait(timeout=30)
+        process.wait(timeout=60)
 
 
 def _address(process: subprocess.Popen[bytes], log: Path) -> str:

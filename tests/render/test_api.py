@@ -239,18 +239,16 @@ class TestProgress:
         assert all(b.elapsed_s >= a.elapsed_s for a, b in pairwise(seen))
 
     def test_it_comes_often_and_from_the_calling_thread(self) -> None:
-        times: list[float] = []
-        threads = set()
+        calls: list[int] = []
 
         def watch(progress: rk.Progress) -> bool:
-            times.append(progress.elapsed_s)
-            threads.add(threading.get_ident())
-            return progress.elapsed_s < 1.0
+            calls.append(threading.get_ident())
+            return len(calls) < 10 and progress.elapsed_s < 60
 
         result = rk.render(bit_scene(), rk.RenderSettings(**LONG), watch)
         assert not result.complete
-        assert threads == {threading.get_ident()}
-        assert len(times) >= 10
+        assert set(calls) == {threading.get_ident()}
+        assert len(calls) >= 10
 
     def test_the_preview_is_the_image_so_far(self) -> None:
         shapes = []
@@ -281,7 +279,7 @@ class TestProgress:
 
         def watch(progress: rk.Progress) -> bool:
             before_after.append(counted)
-            return progress.elapsed_s < 0.5
+            return counted - before_after[0] <= 10 and progress.elapsed_s < 60
 
         try:
             rk.render(bit_scene(), rk.RenderSettings(**LONG), watch)
@@ -333,9 +331,14 @@ class TestStopping:
 
     def test_ctrl_c_without_on_progress(self) -> None:
         timer = threading.Timer(0.3, _thread.interrupt_main, (signal.SIGINT,))
-        timer.start()
-        with pytest.raises(KeyboardInterrupt):
+
+        def interrupted() -> None:
+            # However late the render begins, the interrupt arrives within this call.
+            timer.start()
             rk.render(bit_scene(), rk.RenderSettings(**LONG))
+
+        with pytest.raises(KeyboardInterrupt):
+            interrupted()
         timer.join()
 
     def test_an_error_of_the_caller_comes_through(self) -> None:
