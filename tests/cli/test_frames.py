@@ -231,6 +231,12 @@ def test_the_clients_know_frames(service: Service, tmp_path: Path) -> None:
         assert [frame.settings["camera"] for frame in frames] == ["front", "top"]
         assert client.frames(job.id, state="failed") == []
         client.download(job.id, "image.exr", tmp_path / "2.exr", frame=2)
+        # The last line of the log, which is in the archive, comes a moment after the end.
+        deadline = time.monotonic() + 60
+        log = client.download(job.id, "log.txt", tmp_path / "log.txt")
+        while "the job is succeeded" not in log.read_text():
+            assert time.monotonic() < deadline
+            client.download(job.id, "log.txt", log)
         client.download_archive(job.id, tmp_path / "all.zip")
     with zipfile.ZipFile(tmp_path / "all.zip") as archive:
         assert archive.testzip() is None

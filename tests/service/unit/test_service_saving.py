@@ -55,9 +55,11 @@ def test_from_a_stop_on_nothing_is_compressed_any_more(tmp_path: Path) -> None:
             seen.set()
         return seen.is_set()
 
-    # What comes after the image waits for the stop, so that it always comes in time.
-    saving = Saving(result_of(1024), tmp_path, ("exr",), lambda: bool(seen.wait(60)))
-    saving.run(is_stopped)
+    def on_image() -> None:
+        # What comes after it waits for the stop, which so always comes in time.
+        seen.wait(60)
+
+    Saving(result_of(1024), tmp_path, ("exr",), on_image).run(is_stopped)
     assert names_in(tmp_path)[:3] == ALL[:3]
     assert compression(tmp_path / "image.exr") == 3
     assert compression(tmp_path / "depth.exr") == 0
