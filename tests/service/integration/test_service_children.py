@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from raykiln import denoise
 from raykiln.image import read_exr_layers, read_image
+from raykiln_service.executors.limits import OWN_BYTES
 
 SMALL: dict[str, Any] = {"width": 48, "height": 32, "spp": 8, "threads": 1}
 ENDLESS: dict[str, Any] = {"width": 64, "height": 48, "spp": 1 << 20, "threads": 1}
@@ -119,9 +120,17 @@ class TestWarm:
         assert [frame["stats"]["warm"] for frame in frames] == [False, True, True]
 
 
+def too_large() -> dict[str, Any]:
+    """Settings of an image that needs 700 MB more than a process may take for itself."""
+    side = 1 << 10
+    while 12 * side * side < OWN_BYTES + 700_000_000:
+        side += 1 << 10
+    return {"width": side, "height": side, "spp": 1}
+
+
 class TestMemory:
     def test_a_job_that_needs_too_much_fails_alone(self, server: Any, ball: Any) -> None:
-        large = {"width": 6144, "height": 6144, "spp": 1, "aovs": ["albedo", "normal"]}
+        large = {**too_large(), "aovs": ["albedo", "normal"]}
         job = done(server, scene={"inline": ball}, settings=large, memory_bytes=1 << 28)
         assert (job["state"], job["attempts"]) == ("failed", 1)
         assert job["error"]["reason"] == "out-of-memory"
@@ -130,14 +139,13 @@ class TestMemory:
 
     def test_the_service_allows_no_more_than_its_own_limit(self, serve: Any, ball: Any) -> None:
         server = serve(job_memory_bytes=1 << 27)
-        large = {"width": 6144, "height": 6144, "spp": 1}
-        job = done(server, scene={"inline": ball}, settings=large, memory_bytes=1 << 40)
+        job = done(server, scene={"inline": ball}, settings=too_large(), memory_bytes=1 << 40)
         assert job["error"]["reason"] == "out-of-memory"
         assert "128 MiB" in job["error"]["detail"]
 
     def test_a_scene_that_is_too_large_is_refused(self, serve: Any) -> None:
         server = serve(check_memory_bytes=1 << 26)
-        asset = upload(server, large_scene(600_000), "large.obj")
+        asset = upload(server, large_scene(600_000 * OWN_BYTES // (288 << 20)), "large.obj")
         with server.client() as client:
             reply = client.post("/v1/jobs", json={"scene": {"asset": asset}})
         assert reply.status_code == 422

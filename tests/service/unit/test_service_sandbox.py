@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 from raykiln_service.executors.base import Outcome, OutcomeKind, Task
-from raykiln_service.executors.limits import Limits
+from raykiln_service.executors.limits import OWN_BYTES, Limits
 from raykiln_service.executors.local import LocalExecutor
 from raykiln_service.executors.nursery import Nursery
 from raykiln_service.executors.process import JsonChild
@@ -317,11 +317,11 @@ def render(place: Path, modules: Path, nursery: Nursery) -> Callable[..., Outcom
 
 def test_a_child_past_its_memory_is_ended(render: Callable[..., Outcome]) -> None:
     # By pages that the limit of data does not count.
-    program = """
+    size = OWN_BYTES + (512 << 20)
+    program = f"""
     import mmap
-    held = mmap.mmap(-1, 800 << 20, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
-    import resource
-    for at in range(0, 800 << 20, 4096): held[at] = 1
+    held = mmap.mmap(-1, {size}, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS)
+    for at in range(0, {size}, 4096): held[at] = 1
     time.sleep(60)
     """
     limits = Limits(memory_bytes=1 << 30)
@@ -332,7 +332,8 @@ def test_a_child_past_its_memory_is_ended(render: Callable[..., Outcome]) -> Non
 
 
 def test_a_child_that_runs_out_of_memory_says_so(render: Callable[..., Outcome]) -> None:
-    outcome = render("held = bytearray(4 << 30)", Limits(memory_bytes=1 << 30))
+    size = OWN_BYTES + (2 << 30)
+    outcome = render(f"held = bytearray({size})", Limits(memory_bytes=1 << 30))
     assert (outcome.kind, outcome.error["reason"]) == (OutcomeKind.REJECTED, "out-of-memory")
 
 
