@@ -251,7 +251,7 @@ inline void shade(const Vertex& at, const Material& material, const Kind& kind) 
         s.p, select(is_transmissive(bsdf), Vec3<F>(F(0.0f)), s.shading.n)};
     GuideAt<F> guide;
     if (!is_specular(material) && !b.scene.lights.empty()) {
-        if (b.guide != nullptr) {
+        if (b.guide != nullptr && is_guided(bsdf)) {
             guide = b.guide->find(s.p, at.valid);
         }
         sample_direct_light(at, s, bsdf, dir_out, throughput, receiver);
