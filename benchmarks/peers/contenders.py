@@ -17,6 +17,8 @@ class Contender:
     rr: int | None = -1
     sampler: str | None = None
     variant: str | None = None
+    watertight: bool = False
+    """Told to let no ray through the edges of a mesh, where that is not so anyway."""
     equal: bool = False
     """Runs with the settings that all have in common: throughput is compared there."""
 
@@ -27,7 +29,12 @@ class Contender:
 
     def job(self) -> dict[str, Any]:
         """What its program is told."""
-        return {"rr": self.rr, "sampler": self.sampler, "variant": self.variant}
+        return {
+            "rr": self.rr,
+            "sampler": self.sampler,
+            "variant": self.variant,
+            "watertight": self.watertight,
+        }
 
     def nearest_spp(self, wanted: float) -> int:
         """A number of samples near `wanted` that suits the sampler."""
@@ -45,6 +52,15 @@ CONTENDERS = [
     Contender("raykiln", "raykiln, no roulette", "raykiln", equal=True),
     Contender("raykiln-default", "raykiln, its defaults", "raykiln", rr=None),
     Contender("mitsuba", "Mitsuba llvm", "mitsuba", -1, "independent", LLVM, equal=True),
+    Contender(
+        "mitsuba-watertight",
+        "Mitsuba llvm, watertight",
+        "mitsuba",
+        -1,
+        "independent",
+        LLVM,
+        watertight=True,
+    ),
     Contender("mitsuba-rr", "Mitsuba llvm, roulette", "mitsuba", None, "independent", LLVM),
     Contender("mitsuba-mj", "Mitsuba llvm, multijitter", "mitsuba", -1, "multijitter", LLVM),
     Contender(

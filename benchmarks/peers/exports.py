@@ -90,6 +90,7 @@ def _for_mitsuba(scene: BenchScene) -> str:
     lines = [
         '<scene version="3.0.0">',
         *(f'  <default name="{n}" value="{v}"/>' for n, v in _MITSUBA_DEFAULTS.items()),
+        '  <boolean name="embree_use_robust_intersections" value="$watertight"/>',
         '  <integrator type="path"><integer name="max_depth" value="$depth"/>'
         '<integer name="rr_depth" value="$rr_depth"/></integrator>',
         f'  <sensor type="perspective"><float name="fov" value="{scene.fov_deg}"/>'
@@ -126,6 +127,7 @@ _MITSUBA_DEFAULTS = {
     "depth": 8,
     "rr_depth": 100000,
     "sampler": "independent",
+    "watertight": "false",
 }
 
 

@@ -88,6 +88,7 @@ _DEFAULTS = {
     "seed": 0,
     "rr": -1,
     "sampler": None,
+    "watertight": False,
     "variant": None,
     "threads": 2,
     "image": None,

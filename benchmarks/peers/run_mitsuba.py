@@ -45,6 +45,7 @@ with clock.phase("read_s"):
         "depth": given["depth"],
         "rr_depth": 5 if given["rr"] is None else 100000 if given["rr"] < 0 else given["rr"],
         "sampler": given["sampler"] or "independent",
+        "watertight": str(given["watertight"]).lower(),
     }
     scene = mi.load_file(f"{given['scene']}/mitsuba.xml", **parameters)
     if wide:

@@ -255,6 +255,14 @@ class TestNothingToGuide:
         a, b = with_and_without(DULL[name](), reference=reference)
         assert a == b
 
+    def test_caustic_in_frosted_glass_alone(self, reference: bool) -> None:
+        # Its own lobes are narrow: what a guide took from them would be missed.
+        scene = _stage(rk.Dielectric(alpha=0.3))
+        scene.add_sphere((0, 0.9, 0), 0.7, rk.Dielectric())
+        scene.add_light(_sun())
+        a, b = with_and_without(scene, reference=reference)
+        assert a == b
+
     def test_no_light_that_has_a_size(self, reference: bool) -> None:
         scene = _stage(rk.Diffuse(reflectance=0.5))
         scene.add_sphere((0, 0.9, 0), 0.7, rk.Dielectric())

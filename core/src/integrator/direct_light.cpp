@@ -45,12 +45,13 @@ Vec3f escaped_radiance(const Context& c, const Vec3f& direction, const Origin& o
         if (light == nullptr) {
             continue;
         }
-        const Vec3f radiance = environment_radiance(*light, c.scene.textures, direction);
+        const SkyPoint<float> at = sky_point(*light, direction);
+        const Vec3f radiance = environment_radiance(*light, c.scene.textures, at);
         if (origin.pdf_bsdf <= 0.0f) {
             sum += radiance;
             continue;
         }
-        const float pdf = pdf_environment(*light, origin.receiver.normal, direction) *
+        const float pdf = pdf_environment(*light, origin.receiver.normal, at) *
                           pmf_of_light(c.scene, origin.receiver, index);
         sum += radiance * weight_of_bsdf(c.settings.strategy, origin.pdf_bsdf, pdf);
     }

@@ -7,6 +7,20 @@
 
 namespace raykiln {
 
+/// Whether a guide is of use at a surface that is no mirror. Rough glass scatters into a
+/// narrow lobe on either side: samples that a guide takes from them are missed.
+template <class B>
+inline bool is_guided(const B&) {
+    return true;
+}
+template <class F>
+inline bool is_guided(const Dielectric<F>&) {
+    return false;
+}
+inline bool is_guided(const Bsdf& bsdf) {
+    return !std::holds_alternative<Dielectric<float>>(bsdf);
+}
+
 /// A direction from the BSDF, or for the guide's share of the samples from the guide. The
 /// weight is the value over the density of that mixture; `pdf_solid_angle` is the BSDF's
 /// own density. Mirror directions stay the BSDF's alone.

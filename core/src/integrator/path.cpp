@@ -34,7 +34,7 @@ Vec3f estimate_path(const Context& c, const Ray& camera_ray, FirstHit& first) {
         const Vec3f dir_out = s.shading.to_local(-ray.direction);
         GuideAt<float> guide;
         if (!is_specular(bsdf)) {
-            if (c.guide != nullptr) {
+            if (c.guide != nullptr && is_guided(bsdf)) {
                 guide = c.guide->find(s.p, true);
             }
             radiance += throughput * sample_direct_light(c, s, bsdf, dir_out, depth);

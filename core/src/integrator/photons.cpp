@@ -1,5 +1,6 @@
 #include "integrator/photons.h"
 
+#include "integrator/guided.h"
 #include "light/light.h"
 
 namespace raykiln {
@@ -181,7 +182,7 @@ void trace_photon(const Context& c, Ray ray, std::vector<Photon>& photons) {
         }
         const Surface s = make_surface(c.scene, hit, ray);
         const Bsdf bsdf = make_bsdf(*s.material, c.scene.textures, s.uv);
-        if (focused && !is_specular(bsdf)) {
+        if (focused && is_guided(bsdf) && !is_specular(bsdf)) {
             photons.push_back({s.p, -ray.direction});
         }
         const Sample4<float> u = independent_sample(c.key, bsdf_group(depth));

@@ -90,18 +90,36 @@ inline Frame<F> frame_in_lanes(const Frame<float>& f) {
 
 }  // namespace detail
 
-/// Radiance that arrives from `direction` (world space, away from the surface).
+/// A direction (world space, away from the surface) and where it is in a light's map, if
+/// that has one.
+template <class F>
+struct SkyPoint {
+    Vec3<F> direction;
+    Vec3<F> local;
+    Vec2<F> uv;
+};
+
+template <class F>
+inline SkyPoint<F> sky_point(const EnvironmentLight& light, const Vec3<F>& direction) {
+    SkyPoint<F> at{direction, direction, {F(0.0f), F(0.0f)}};
+    if (light.map != no_texture) {
+        at.local = detail::frame_in_lanes<F>(light.world_from_light).to_local(direction);
+        at.uv = uv_of_direction(at.local);
+    }
+    return at;
+}
+
+/// Radiance that arrives from there.
 template <class F>
 inline Vec3<F> environment_radiance(const EnvironmentLight& light,
                                     const std::vector<Texture>& textures,
-                                    const Vec3<F>& direction) {
+                                    const SkyPoint<F>& at) {
     const Vec3<F> scale{F(light.scale.x), F(light.scale.y), F(light.scale.z)};
     if (light.map == no_texture) {
         return scale;
     }
-    const Frame<F> frame = detail::frame_in_lanes<F>(light.world_from_light);
     const Texture& map = textures[static_cast<std::size_t>(light.map)];
-    return scale * lookup(map, uv_of_direction(frame.to_local(direction))).rgb;
+    return scale * lookup(map, at.uv).rgb;
 }
 
 namespace detail {
@@ -114,31 +132,36 @@ inline F pdf_even_sky(const Vec3<F>& normal, const Vec3<F>& direction) {
                   F(0.25f * inv_pi));
 }
 
-}  // namespace detail
-
-/// Density over solid angle with which `sample_environment` returns `direction`.
+/// The density over solid angle of one over the map's unit square.
 template <class F>
-inline F pdf_environment(const EnvironmentLight& light, const Vec3<F>& normal,
-                         const Vec3<F>& direction) {
-    if (light.map == no_texture) {
-        return detail::pdf_even_sky(normal, direction);
-    }
-    const Frame<F> frame = detail::frame_in_lanes<F>(light.world_from_light);
-    const Vec3<F> local = frame.to_local(direction);
+inline F pdf_of_directions(F pdf_of_uv, const Vec3<F>& local) {
     const F sine = sine_to_axis(local);
     const auto off_axis = sine > F(0.0f);
-    const F pdf = light.distribution.pdf(views_of_normal(frame.to_local(normal)),
-                                         uv_of_direction(local)) /
-                  (F(2.0f * pi * pi) * select(off_axis, sine, F(1.0f)));
-    return select(off_axis, pdf, F(0.0f));
+    return select(off_axis,
+                  pdf_of_uv / (F(2.0f * pi * pi) * select(off_axis, sine, F(1.0f))),
+                  F(0.0f));
 }
 
-/// A direction in world space and its density over solid angle, for a surface of that
-/// unit normal: mostly where both the light and the cosine are great. (0, 0, 0): for one
-/// that takes light from all sides.
+}  // namespace detail
+
+/// Density over solid angle with which `sample_environment` returns that direction.
 template <class F>
-inline Vec3<F> sample_environment(const EnvironmentLight& light, const Vec3<F>& normal,
-                                  F u, F v, F w, F& pdf) {
+inline F pdf_environment(const EnvironmentLight& light, const Vec3<F>& normal,
+                         const SkyPoint<F>& at) {
+    if (light.map == no_texture) {
+        return detail::pdf_even_sky(normal, at.direction);
+    }
+    const Frame<F> frame = detail::frame_in_lanes<F>(light.world_from_light);
+    return detail::pdf_of_directions(
+        light.distribution.pdf(views_of_normal(frame.to_local(normal)), at.uv), at.local);
+}
+
+/// A direction and its density over solid angle, for a surface of that unit normal:
+/// mostly where both the light and the cosine are great. (0, 0, 0): for one that takes
+/// light from all sides.
+template <class F>
+inline SkyPoint<F> sample_environment(const EnvironmentLight& light,
+                                      const Vec3<F>& normal, F u, F v, F w, F& pdf) {
     const Frame<F> frame = detail::frame_in_lanes<F>(light.world_from_light);
     if (light.map == no_texture) {
         const auto known = has_normal(normal);
@@ -147,16 +170,13 @@ inline Vec3<F> sample_environment(const EnvironmentLight& light, const Vec3<F>& 
                                    .to_world(sample_cosine_hemisphere(u, v));
         const Vec3<F> d = select(known, around, frame.to_world(sample_sphere(u, v)));
         pdf = detail::pdf_even_sky(normal, d);
-        return d;
+        return sky_point(light, d);
     }
     const Vec2<F> uv =
         light.distribution.sample(views_of_normal(frame.to_local(normal)), u, v, w, pdf);
     const Vec3<F> local = direction_of_uv(uv);
-    const F sine = sine_to_axis(local);
-    const auto off_axis = sine > F(0.0f);
-    pdf = select(off_axis, pdf / (F(2.0f * pi * pi) * select(off_axis, sine, F(1.0f))),
-                 F(0.0f));
-    return frame.to_world(local);
+    pdf = detail::pdf_of_directions(pdf, local);
+    return {frame.to_world(local), local, uv};
 }
 
 }  // namespace raykiln

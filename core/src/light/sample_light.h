@@ -51,11 +51,11 @@ inline LightSampleOf<F> sample_environment_light(const Scene& scene,
                                                  const EnvironmentLight& light,
                                                  const Vec3<F>& normal, F u, F v, F w) {
     F pdf;
-    const Vec3<F> d = sample_environment(light, normal, u, v, w, pdf);
+    const SkyPoint<F> at = sample_environment(light, normal, u, v, w, pdf);
     return select<F>(
         pdf > F(0.0f),
-        {d, Vec3<F>(F(0.0f)), Mask<F>(true),
-         environment_radiance(light, scene.textures, d), pdf, Mask<F>(false)},
+        {at.direction, Vec3<F>(F(0.0f)), Mask<F>(true),
+         environment_radiance(light, scene.textures, at), pdf, Mask<F>(false)},
         no_light_sample<F>());
 }
 

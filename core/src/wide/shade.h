@@ -69,16 +69,15 @@ inline Vec3<F> escaped_radiance(const BatchScene& b, const Paths& paths, U slots
         if (light == nullptr) {
             continue;
         }
-        const Vec3<F> radiance =
-            environment_radiance(*light, b.scene.textures, direction);
+        const SkyPoint<F> at = sky_point(*light, direction);
         F weight(1.0f);
         if (any(rivals)) {
-            const F pdf = pdf_environment(*light, paths.from_normal[slots], direction) *
+            const F pdf = pdf_environment(*light, paths.from_normal[slots], at) *
                           F(pmf_of_far_light(b.scene, i));
             weight = select(rivals, weight_of_bsdf(b.estimator.strategy, pdf_bsdf, pdf),
                             weight);
         }
-        sum += radiance * weight;
+        sum += environment_radiance(*light, b.scene.textures, at) * weight;
     }
     return sum;
 }
@@ -252,7 +251,7 @@ inline void shade(const Vertex& at, const Material& material, const Kind& kind) 
         s.p, select(is_transmissive(bsdf), Vec3<F>(F(0.0f)), s.shading.n)};
     GuideAt<F> guide;
     if (!is_specular(material) && !b.scene.lights.empty()) {
-        if (b.guide != nullptr) {
+        if (b.guide != nullptr && is_guided(bsdf)) {
             guide = b.guide->find(s.p, at.valid);
         }
         sample_direct_light(at, s, bsdf, dir_out, throughput, receiver);
