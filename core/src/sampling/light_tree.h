@@ -5,6 +5,7 @@
 
 #include "math/bounds.h"
 #include "math/gather.h"
+#include "memory/pages.h"
 
 namespace raykiln {
 
@@ -100,10 +101,10 @@ class LightTree {
     void weigh(Uint<F> node, const LightReceiverOf<F>& receiver, F any_side,
                Weighed<F>& out) const;
 
-    std::vector<Node> nodes_;
+    std::vector<Node, PageAllocator<Node>> nodes_;
     // Which child leads to a light, two bits a node from the root on.
-    std::vector<std::uint32_t> path_of_light_;
-    std::vector<std::uint32_t> place_of_light_;
+    std::vector<std::uint32_t, PageAllocator<std::uint32_t>> path_of_light_,
+        place_of_light_;
     std::size_t size_ = 0;
 };
 
