@@ -11,9 +11,10 @@ from typing import NamedTuple
 # A room of the C++ core is a folder of core/src, and `error.h` is open to all of them.
 CPP_ARROWS: dict[str, set[str]] = {
     "math": set(),
-    "sampling": {"math"},
+    "memory": set(),
+    "sampling": {"math", "memory"},
     "image": {"math"},
-    "scene": {"math", "sampling", "image"},
+    "scene": {"math", "memory", "sampling", "image"},
     "texture": {"math", "sampling", "image", "scene"},
     "bsdf": {"math", "sampling", "image", "scene", "texture"},
     "light": {"math", "sampling", "image", "scene", "texture"},

@@ -214,6 +214,31 @@ TEST(LightTree, LanesChooseAsOneNumberDoes) {
     }
 }
 
+TEST(LightTree, NeighboursHaveLikePlaces) {
+    Rng rng(145);
+    constexpr std::uint32_t count = 400;
+    std::vector<LightBounds> lights(count);
+    for (std::uint32_t i = 0; i < count; ++i) {
+        const float side = i % 2 == 0 ? -100.0f : 100.0f;
+        lights[i].bounds.add(Vec3f(side, 0, 0) + random_point(rng, 1.0f));
+        lights[i].power = 1.0f;
+    }
+    const LightTree tree(lights);
+    EXPECT_EQ(tree.size(), count);
+    std::vector<int> used(LightTree::places);
+    const bool low = tree.place<float>(0) < LightTree::places / 2;
+    for (std::uint32_t i = 0; i < count; ++i) {
+        const std::uint32_t place = tree.place<float>(i);
+        ASSERT_LT(place, LightTree::places);
+        ++used[place];
+        ASSERT_EQ(place < LightTree::places / 2, low == (i % 2 == 0));
+    }
+    for (const int lights_here : used) {
+        ASSERT_GE(lights_here, 1);
+        ASSERT_LE(lights_here, 2);
+    }
+}
+
 TEST(LightChoice, OneLightIsAlwaysChosen) {
     Scene scene;
     scene.lights.emplace_back(PointLight{{0, 0, 2}, Vec3f(1.0f)});

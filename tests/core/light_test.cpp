@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include "accel/sphere_geometry.h"
+#include "sampling/spherical.h"
 #include "shapes.h"
 
 // Lights: directions drawn against their density, radiance and position against closed
@@ -157,6 +158,36 @@ TEST(SurfaceLight, SamplesLieOnTheLight) {
                 ASSERT_NEAR(pdf / on_t.pdf_solid_angle, 1.0f, 2e-3f);
             }
         }
+    }
+}
+
+TEST(SurfaceLight, NearAndFarItsSamplesMeasureItsSolidAngle) {
+    const Scene scene = lit_scene();
+    const TriangleLight t = triangle_light();
+    const ParallelogramLight q = parallelogram_light();
+    Rng rng(120);
+    // Less and more than where lights begin to look small, at 30.
+    for (const float distance : {3.0f, 12.0f, 28.0f, 34.0f, 60.0f, 400.0f}) {
+        const Vec3f p = t.p0 - normalize(Vec3f(0.3f, -0.2f, 1.0f)) * distance;
+        const double solid_t =
+            make_spherical_triangle(t.p0 - p, t.edge1, t.edge2).solid_angle;
+        const double solid_q =
+            make_spherical_parallelogram(t.p0 - p, t.edge1, t.edge2).solid_angle;
+        constexpr int n = 20000;
+        double sum_t = 0, sum_q = 0;
+        for (int i = 0; i < n; ++i) {
+            const float u = rng.unit(), v = rng.unit();
+            const LightSample on_t = sample_light(scene, t, {p}, u, v, 0);
+            const LightSample on_q = sample_light(scene, q, {p}, u, v, 0);
+            sum_t += 1 / on_t.pdf_solid_angle;
+            sum_q += 1 / on_q.pdf_solid_angle;
+            const float pdf_t = pdf_light(t, p, on_t.direction, length(on_t.point - p));
+            const float pdf_q = pdf_light(q, p, on_q.direction, length(on_q.point - p));
+            ASSERT_NEAR(pdf_t / on_t.pdf_solid_angle, 1.0f, 2e-3f) << distance;
+            ASSERT_NEAR(pdf_q / on_q.pdf_solid_angle, 1.0f, 2e-3f) << distance;
+        }
+        EXPECT_NEAR(sum_t / n / solid_t, 1.0, 2e-3) << distance;
+        EXPECT_NEAR(sum_q / n / solid_q, 1.0, 2e-3) << distance;
     }
 }
 

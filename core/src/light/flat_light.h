@@ -11,6 +11,14 @@ namespace raykiln {
 
 namespace detail {
 
+/// So small or far that its distance and its angle hardly differ from place to place:
+/// points uniform over its area then serve as well as directions, for much less work.
+template <class F>
+inline Mask<F> looks_small(const TriangleLightOf<F>& light, const Vec3<F>& to_corner) {
+    return (length_squared(light.edge1) + length_squared(light.edge2)) * F(256.0f) <
+           length_squared(to_corner);
+}
+
 /// The point at `b` edges from the corner of a flat light; density 1 / solid_angle where
 /// `by_angle` is set, elsewhere uniform over `area`.
 template <class F>
@@ -41,15 +49,21 @@ inline LightSampleOf<F> sample_at(const Scene& scene, const TriangleLightOf<F>& 
         no_light_sample<F>());
 }
 
-/// The density of that; `seen`: the light on the unit sphere.
-template <class F, class Seen>
-inline F pdf_at(const TriangleLightOf<F>& light, const Seen& seen, F area,
+/// The density of that; `see` gives the light on the unit sphere.
+template <class F, class See>
+inline F pdf_at(const TriangleLightOf<F>& light, const See& see, F area, const Vec3<F>& p,
                 const Vec3<F>& direction, F distance) {
     const F cosine = abs(dot(direction, light.normal));
     const auto facing = cosine > F(0.0f);
     const F by_area = pdf_solid_angle_of_area(F(1.0f) / area, sqr(distance),
                                               select(facing, cosine, F(1.0f)));
-    const F pdf = select(can_sample(seen), F(1.0f) / seen.solid_angle, by_area);
+    F pdf = by_area;
+    const Vec3<F> to_corner = light.p0 - p;
+    const auto large = !looks_small(light, to_corner);
+    if (any(large)) {
+        const auto seen = see(to_corner, light.edge1, light.edge2);
+        pdf = select(large & can_sample(seen), F(1.0f) / seen.solid_angle, by_area);
+    }
     return select(facing, pdf, F(0.0f));
 }
 
@@ -63,23 +77,28 @@ inline LightSampleOf<F> sample_triangle_light(const Scene& scene,
                                               const Vec3<F>& p, F u, F v) {
     Vec2<F> b = sample_triangle(u, v);
     const Vec3<F> to_corner = light.p0 - p;
-    const SphericalTriangle<F> seen =
-        make_spherical_triangle(to_corner, light.edge1, light.edge2);
-    const auto by_angle = can_sample(seen);
+    auto by_angle = !detail::looks_small(light, to_corner);
+    F solid_angle(1.0f);
     if (any(by_angle)) {
+        const SphericalTriangle<F> seen =
+            make_spherical_triangle(to_corner, light.edge1, light.edge2);
+        solid_angle = seen.solid_angle;
+        by_angle = by_angle & can_sample(seen);
         const Vec2<F> at = place_in_triangle(sample_spherical_triangle(seen, u, v),
                                              to_corner, light.edge1, light.edge2);
         b.x = select(by_angle, at.x, b.x);
         b.y = select(by_angle, at.y, b.y);
     }
-    return detail::sample_at(scene, light, p, b, by_angle, seen.solid_angle, light.area);
+    return detail::sample_at(scene, light, p, b, by_angle, solid_angle, light.area);
 }
 
 template <class F>
 inline F pdf_triangle_light(const TriangleLightOf<F>& light, const Vec3<F>& p,
                             const Vec3<F>& direction, F distance) {
-    const auto seen = make_spherical_triangle(light.p0 - p, light.edge1, light.edge2);
-    return detail::pdf_at(light, seen, light.area, direction, distance);
+    const auto see = [](const Vec3<F>& p0, const Vec3<F>& edge1, const Vec3<F>& edge2) {
+        return make_spherical_triangle(p0, edge1, edge2);
+    };
+    return detail::pdf_at(light, see, light.area, p, direction, distance);
 }
 
 /// The same over a parallelogram; `half` of it is given.
@@ -89,25 +108,30 @@ inline LightSampleOf<F> sample_parallelogram_light(const Scene& scene,
                                                    const Vec3<F>& p, F u, F v) {
     Vec2<F> b{u, v};
     const Vec3<F> to_corner = half.p0 - p;
-    const SphericalParallelogram<F> seen =
-        make_spherical_parallelogram(to_corner, half.edge1, half.edge2);
-    const auto by_angle = can_sample(seen);
+    auto by_angle = !detail::looks_small(half, to_corner);
+    F solid_angle(1.0f);
     if (any(by_angle)) {
+        const SphericalParallelogram<F> seen =
+            make_spherical_parallelogram(to_corner, half.edge1, half.edge2);
+        solid_angle = seen.solid_angle;
+        by_angle = by_angle & can_sample(seen);
         const Vec2<F> at =
             place_in_parallelogram(sample_spherical_parallelogram(seen, u, v), to_corner,
                                    half.edge1, half.edge2);
         b.x = select(by_angle, at.x, b.x);
         b.y = select(by_angle, at.y, b.y);
     }
-    return detail::sample_at(scene, half, p, b, by_angle, seen.solid_angle,
+    return detail::sample_at(scene, half, p, b, by_angle, solid_angle,
                              half.area * F(2.0f));
 }
 
 template <class F>
 inline F pdf_parallelogram_light(const TriangleLightOf<F>& half, const Vec3<F>& p,
                                  const Vec3<F>& direction, F distance) {
-    const auto seen = make_spherical_parallelogram(half.p0 - p, half.edge1, half.edge2);
-    return detail::pdf_at(half, seen, half.area * F(2.0f), direction, distance);
+    const auto see = [](const Vec3<F>& p0, const Vec3<F>& edge1, const Vec3<F>& edge2) {
+        return make_spherical_parallelogram(p0, edge1, edge2);
+    };
+    return detail::pdf_at(half, see, half.area * F(2.0f), p, direction, distance);
 }
 
 }  // namespace raykiln

@@ -137,7 +137,7 @@ inline F pdf_sphere_light(const Vec3<F>& center, F radius, const Vec3<F>& p,
 /// An emissive triangle (or half a parallelogram) a lane, with the first of its texture
 /// coordinates.
 template <class F, class T>
-inline TriangleLightOf<F> flat_light_at(const std::vector<T>& lights, Uint<F> slot) {
+inline TriangleLightOf<F> flat_light_at(const LightTable::Rows<T>& lights, Uint<F> slot) {
     static_assert(sizeof(T) == sizeof(TriangleLight));
     const auto row = gather_row<F, 16>(lights.data(), slot);
     return {{row[0], row[1], row[2]},
@@ -150,10 +150,16 @@ inline TriangleLightOf<F> flat_light_at(const std::vector<T>& lights, Uint<F> sl
             {},
             {}};
 }
-/// With all of them.
+/// With all of them, if there are textures at all.
 template <class F, class T>
-inline TriangleLightOf<F> textured_light_at(const std::vector<T>& lights, Uint<F> slot) {
+inline TriangleLightOf<F> textured_light_at(const Scene& scene,
+                                            const LightTable::Rows<T>& lights,
+                                            Uint<F> slot) {
     TriangleLightOf<F> light = flat_light_at<F>(lights, slot);
+    if (scene.textures.empty()) {
+        light.uv1 = light.uv2 = light.uv0;
+        return light;
+    }
     const auto uvs = gather_row<F, 4>(lights.data(), slot, 16);
     light.uv1 = {uvs[0], uvs[1]};
     light.uv2 = {uvs[2], uvs[3]};
@@ -187,12 +193,12 @@ inline LightSampleOf<F> sample_light(const Scene& scene, Uint<F> light, Mask<F> 
         }
     };
     each(4, [&](U i) {
-        return sample_triangle_light(scene, textured_light_at<F>(table.triangles, i), p,
-                                     u, v);
+        return sample_triangle_light(
+            scene, textured_light_at<F>(scene, table.triangles, i), p, u, v);
     });
     each(6, [&](U i) {
         return sample_parallelogram_light(
-            scene, textured_light_at<F>(table.parallelograms, i), p, u, v);
+            scene, textured_light_at<F>(scene, table.parallelograms, i), p, u, v);
     });
     each(5, [&](U i) {
         return sample_sphere_light(scene, sphere_light_at<F>(table, i), p, u, v);

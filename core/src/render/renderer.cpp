@@ -158,6 +158,7 @@ void Renderer::render_tile_in_batches(const Tile& tile, std::uint32_t end,
     }
     Batch& batch = *worker.batch;
     batch.pixels = 0;
+    const int most = batch_scene_->batch_size();
     for (int y = tile.y0; y < tile.y1; ++y) {
         for (int x = tile.x0; x < tile.x1; ++x) {
             const std::uint32_t begin = film_.count(x, y);
@@ -165,8 +166,8 @@ void Renderer::render_tile_in_batches(const Tile& tile, std::uint32_t end,
                 continue;
             }
             const int samples = static_cast<int>(end - begin);
-            if (batch.pixels > 0 && (begin != batch.first_index ||
-                                     (batch.pixels + 1) * samples > Batch::capacity)) {
+            if (batch.pixels > 0 &&
+                (begin != batch.first_index || (batch.pixels + 1) * samples > most)) {
                 run_batch(worker);
             }
             batch.first_index = begin;

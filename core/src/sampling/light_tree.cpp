@@ -306,7 +306,8 @@ struct LightTree::Builder {
 };
 
 LightTree::LightTree(const std::vector<LightBounds>& lights) :
-    path_of_light_(lights.size(), none) {
+    path_of_light_(lights.size(), none),
+    place_of_light_(lights.size(), 0) {
     Builder builder{*this, lights, {}};
     for (std::uint32_t i = 0; i < lights.size(); ++i) {
         if (lights[i].power > 0.0f) {
@@ -317,7 +318,12 @@ LightTree::LightTree(const std::vector<LightBounds>& lights) :
         return;
     }
     nodes_.emplace_back();
-    builder.build(0, 0, 0, {0, builder.order.size()});
+    size_ = builder.order.size();
+    builder.build(0, 0, 0, {0, size_});
+    for (std::size_t i = 0; i < size_; ++i) {
+        place_of_light_[builder.order[i]] =
+            static_cast<std::uint32_t>(i * places / size_);
+    }
 }
 
 }  // namespace raykiln

@@ -5,6 +5,7 @@
 
 #include "math/bounds.h"
 #include "math/gather.h"
+#include "memory/pages.h"
 
 namespace raykiln {
 
@@ -46,6 +47,16 @@ class LightTree {
     explicit LightTree(const std::vector<LightBounds>& lights);
 
     bool empty() const { return nodes_.empty(); }
+    /// Lights that may be chosen.
+    std::size_t size() const { return size_; }
+
+    /// Neighbours in the tree have like places, which are less than this.
+    static constexpr std::uint32_t places = 256;
+    /// Any place for lights not in the tree; the index must be valid.
+    template <class F>
+    Uint<F> place(Uint<F> light) const {
+        return gather(place_of_light_.data(), light);
+    }
     /// Light 0 with probability 0 where nothing reaches the receiver.
     template <class F>
     LightChoiceOf<F> sample(const LightReceiverOf<F>& receiver, F u) const;
@@ -90,9 +101,11 @@ class LightTree {
     void weigh(Uint<F> node, const LightReceiverOf<F>& receiver, F any_side,
                Weighed<F>& out) const;
 
-    std::vector<Node> nodes_;
+    std::vector<Node, PageAllocator<Node>> nodes_;
     // Which child leads to a light, two bits a node from the root on.
-    std::vector<std::uint32_t> path_of_light_;
+    std::vector<std::uint32_t, PageAllocator<std::uint32_t>> path_of_light_,
+        place_of_light_;
+    std::size_t size_ = 0;
 };
 
 namespace detail {

@@ -5,6 +5,7 @@
 
 #include "math/frame.h"
 #include "math/transform.h"
+#include "memory/pages.h"
 #include "sampling/block_distribution.h"
 #include "scene/texture.h"
 
@@ -79,14 +80,17 @@ using Light = std::variant<PointLight, SpotLight, DirectionalLight, EnvironmentL
 /// The lights again, kind by kind, for code that looks at many at once. `kind` is the
 /// place in the variant, `slot` the one among those of the kind.
 struct LightTable {
-    std::vector<std::uint32_t> kind, slot;
+    template <class T>
+    using Rows = std::vector<T, PageAllocator<T>>;
+
+    Rows<std::uint32_t> kind, slot;
     std::vector<PointLight> points;
     std::vector<SpotLight> spots;
     std::vector<DirectionalLight> directionals;
     std::vector<std::uint32_t> environments;  ///< index into Scene::lights
-    std::vector<TriangleLight> triangles;
-    std::vector<SphereLight> spheres;
-    std::vector<ParallelogramLight> parallelograms;
+    Rows<TriangleLight> triangles;
+    Rows<SphereLight> spheres;
+    Rows<ParallelogramLight> parallelograms;
 };
 
 }  // namespace raykiln

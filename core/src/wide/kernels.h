@@ -28,12 +28,19 @@ struct BatchScene {
     ShapeList shapes;
     FewTriangles few_triangles;           ///< empty: the hierarchies of `accel` are used
     const CausticGuide* guide = nullptr;  ///< null: there is none
+
+    /// Among many lights, shadow rays are sorted by them: of more rays more go alike.
+    bool sorts_shadows() const { return scene.near_lights.size() >= 64; }
+    /// Samples of a batch that is full.
+    int batch_size() const;
 };
 
 /// Pixels of a batch and the sample numbers that each gets, and where the results are:
 /// sample i of pixel p at p * samples + i.
 struct Batch {
-    static constexpr int capacity = 1024;
+    static constexpr int capacity = 4096;
+    /// What fits the caches beside a scene's hierarchy.
+    static constexpr int usual_size = 1024;
     static constexpr int padded = capacity + 16;
 
     int pixels = 0;
@@ -48,6 +55,10 @@ struct Batch {
 
     int size() const { return pixels * samples; }
 };
+
+inline int BatchScene::batch_size() const {
+    return sorts_shadows() ? Batch::capacity : Batch::usual_size;
+}
 
 /// One thread's working memory for batches.
 class BatchTracer {

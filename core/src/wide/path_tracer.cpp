@@ -3,6 +3,7 @@
 #include <algorithm>
 
 #include "camera/camera.h"
+#include "memory/pages.h"
 #include "wide/shade.h"
 #include "wide/trace.h"
 
@@ -21,6 +22,9 @@ class PathTracer final : public BatchTracer {
         b_(scene),
         ends_(scene.scene.materials.size() + 3),
         has_environment_(!scene.scene.light_table.environments.empty()) {}
+
+    static void* operator new(std::size_t bytes) { return allocate_pages(bytes); }
+    static void operator delete(void* memory) { free_pages(memory); }
 
     void run(Batch& batch, RayCounts& counts) override {
         start(batch);

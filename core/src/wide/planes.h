@@ -111,6 +111,7 @@ struct ShadowRays {
     Plane3 origin, direction, light;
     Plane t_far;
     Indices slot;
+    Indices place;  // of its light among all of them: alike for neighbours
     int size = 0;
 };
 

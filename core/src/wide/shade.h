@@ -115,9 +115,6 @@ template <class B>
 inline void sample_direct_light(const Vertex& at, const SurfacePoint<F>& s, const B& bsdf,
                                 const Vec3<F>& dir_out, const Vec3<F>& throughput,
                                 const LightReceiverOf<F>& receiver) {
-    if (!any(at.valid & may_scatter(bsdf))) {
-        return;
-    }
     // Only the sky takes a fourth number.
     const Sample4<F> u = at.b.scene.light_table.environments.empty()
                              ? at.draw<first_three>(light_group(at.depth))
@@ -148,6 +145,11 @@ inline void sample_direct_light(const Vertex& at, const SurfacePoint<F>& s, cons
     rays.light.append(wanted, end, throughput * seen * (weight / pdf));
     compress_store(wanted, select(light.infinite, F(infinity), F(1.0f - 1e-6f)),
                    rays.t_far.at + end);
+    if (at.b.sorts_shadows()) {
+        const U chosen = select(wanted, choice.light, U(0u));
+        compress_store(wanted, at.b.scene.near_lights.place<F>(chosen),
+                       rays.place.at + end);
+    }
     rays.size += compress_store(wanted, at.slots, rays.slot.at + end);
 }
 
@@ -244,6 +246,10 @@ inline void shade(const Vertex& at, const Material& material, const Kind& kind) 
         store_first_hit(at, s, bsdf);
     }
     if (last) {
+        return;
+    }
+    if (!any(at.valid & may_scatter(bsdf))) {
+        scatter(at.valid, at.paths.alive.at, at.slots, U(0u));
         return;
     }
     const Vec3<F> dir_out = s.shading.to_local(-direction);

@@ -184,23 +184,53 @@ inline void trace_paths(const BatchScene& b, Paths& paths, const Indices& active
     }
 }
 
+/// The numbers of shadow rays in the order that they are traced in: as they are, or by
+/// their lights' places.
+class ShadowOrder {
+  public:
+    ShadowOrder(const ShadowRays& rays, bool sorted) : sorted_(sorted) {
+        if (!sorted) {
+            return;
+        }
+        std::uint16_t end[LightTree::places + 1] = {};
+        for (int i = 0; i < rays.size; ++i) {
+            ++end[rays.place.at[i] + 1];
+        }
+        for (std::size_t k = 1; k < std::size(end); ++k) {
+            end[k] = static_cast<std::uint16_t>(end[k] + end[k - 1]);
+        }
+        for (int i = 0; i < rays.size; ++i) {
+            at_[end[rays.place.at[i]]++] = static_cast<std::uint32_t>(i);
+        }
+        std::fill_n(at_ + rays.size, lanes, 0u);
+    }
+    /// From the `i`th on. Those past the end are any that may be read.
+    U operator[](int i) const {
+        return sorted_ ? load(at_ + i) : U(static_cast<std::uint32_t>(i)) + iota<U>();
+    }
+
+  private:
+    std::uint32_t at_[Batch::padded];
+    bool sorted_;
+};
+
 /// Whether something is between: any packet will do, as only that counts.
-inline M shadowed(const BatchScene& b, const ShadowRays& rays, int begin, M wanted) {
+inline M shadowed(const BatchScene& b, const ShadowRays& rays, U which, M wanted) {
+    const Vec3<F> origin = rays.origin[which], direction = rays.direction[which];
+    const F t_far = rays.t_far[which];
     if (!b.few_triangles.empty()) {
-        return occluded(b.few_triangles, rays.origin.load_at(begin),
-                        rays.direction.load_at(begin), load(rays.t_far.at + begin),
-                        wanted);
+        return occluded(b.few_triangles, origin, direction, t_far, wanted);
     }
     RayPacket<lanes> p;
     p.prepare();
-    store(p.origin_x, load(rays.origin.x.at + begin));
-    store(p.origin_y, load(rays.origin.y.at + begin));
-    store(p.origin_z, load(rays.origin.z.at + begin));
-    store(p.direction_x, load(rays.direction.x.at + begin));
-    store(p.direction_y, load(rays.direction.y.at + begin));
-    store(p.direction_z, load(rays.direction.z.at + begin));
+    store(p.origin_x, origin.x);
+    store(p.origin_y, origin.y);
+    store(p.origin_z, origin.z);
+    store(p.direction_x, direction.x);
+    store(p.direction_y, direction.y);
+    store(p.direction_z, direction.z);
     store(p.t_near, F(0.0f));
-    store(p.t_far, load(rays.t_far.at + begin));
+    store(p.t_far, t_far);
     store(reinterpret_cast<std::uint32_t*>(p.valid),
           select(wanted, U(0xffffffffu), U(0u)));
     b.accel.occluded(p);
@@ -209,14 +239,14 @@ inline M shadowed(const BatchScene& b, const ShadowRays& rays, int begin, M want
 
 /// The same where surfaces may let rays through: one by one.
 inline M shadowed_through_opacity(const BatchScene& b, const Paths& paths,
-                                  const ShadowRays& rays, int begin, M wanted, int depth,
+                                  const ShadowRays& rays, U which, M wanted, int depth,
                                   RayCounts& counts) {
     std::uint32_t blocked = 0;
     for (int i = 0; i < lanes; ++i) {
         if (!wanted.lane(i)) {
             continue;
         }
-        const auto k = static_cast<std::uint32_t>(begin + i);
+        const std::uint32_t k = which.lane(i);
         const Context c = lane_context(b, paths, rays.slot.at[k], counts);
         const Ray ray{rays.origin.one(k), rays.direction.one(k), 0.0f, rays.t_far.at[k]};
         blocked |= (trace(c, ray, light_group(depth)).valid() ? 1u : 0u) << i;
@@ -228,14 +258,16 @@ inline M shadowed_through_opacity(const BatchScene& b, const Paths& paths,
 inline void trace_shadows(const BatchScene& b, Paths& paths, ShadowRays& rays, int depth,
                           RayCounts& counts) {
     counts.shadow += static_cast<std::uint64_t>(rays.size);
+    const ShadowOrder order(rays, b.sorts_shadows());
     for (int i = 0; i < rays.size; i += lanes) {
         const M wanted = M::first(std::min(lanes, rays.size - i));
+        const U which = order[i];
         const M blocked =
             b.scene.has_opacity
-                ? shadowed_through_opacity(b, paths, rays, i, wanted, depth, counts)
-                : shadowed(b, rays, i, wanted);
-        const U slots = select(wanted, load(rays.slot.at + i), U(0u));
-        paths.radiance.add(wanted & !blocked, slots, rays.light.load_at(i));
+                ? shadowed_through_opacity(b, paths, rays, which, wanted, depth, counts)
+                : shadowed(b, rays, which, wanted);
+        const U slots = select(wanted, rays.slot[which], U(0u));
+        paths.radiance.add(wanted & !blocked, slots, rays.light[which]);
     }
     rays.size = 0;
 }

@@ -1,0 +1,30 @@
+#pragma once
+
+#include <cstddef>
+
+namespace raykiln {
+
+/// Memory for `bytes`, aligned to 64. Much of it lies in pages of 2 MiB where the kernel
+/// has them: what is read here and there then costs no look-ups of where pages are.
+/// Throws std::bad_alloc.
+void* allocate_pages(std::size_t bytes);
+void free_pages(void* memory) noexcept;
+
+/// For containers whose elements are read here and there.
+template <class T>
+struct PageAllocator {
+    using value_type = T;
+
+    PageAllocator() = default;
+    template <class U>
+    PageAllocator(const PageAllocator<U>&) {}
+
+    T* allocate(std::size_t count) {
+        return static_cast<T*>(allocate_pages(count * sizeof(T)));
+    }
+    void deallocate(T* memory, std::size_t) noexcept { free_pages(memory); }
+
+    friend bool operator==(const PageAllocator&, const PageAllocator&) { return true; }
+};
+
+}  // namespace raykiln
