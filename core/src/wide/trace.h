@@ -184,8 +184,8 @@ inline void trace_paths(const BatchScene& b, Paths& paths, const Indices& active
     }
 }
 
-/// The numbers of shadow rays in the order that they are traced in: as they are, or by
-/// their lights' places.
+/// Shadow rays in the order that they are traced in: as they are, or by their lights'
+/// places.
 class ShadowOrder {
   public:
     ShadowOrder(const ShadowRays& rays, bool sorted) : sorted_(sorted) {
@@ -204,9 +204,19 @@ class ShadowOrder {
         }
         std::fill_n(at_ + rays.size, lanes, 0u);
     }
-    /// From the `i`th on. Those past the end are any that may be read.
-    U operator[](int i) const {
-        return sorted_ ? load(at_ + i) : U(static_cast<std::uint32_t>(i)) + iota<U>();
+    /// What the rays from the `i`th on have; those past the end anything.
+    Vec3<F> of(const Plane3& plane, int i) const {
+        return sorted_ ? plane[load(at_ + i)] : plane.load_at(i);
+    }
+    F of(const Plane& plane, int i) const {
+        return sorted_ ? plane[load(at_ + i)] : load(plane.at + i);
+    }
+    U of(const Indices& indices, int i) const {
+        return sorted_ ? indices[load(at_ + i)] : load(indices.at + i);
+    }
+    /// The number of the `i`th ray.
+    std::uint32_t operator[](int i) const {
+        return sorted_ ? at_[i] : static_cast<std::uint32_t>(i);
     }
 
   private:
@@ -215,9 +225,11 @@ class ShadowOrder {
 };
 
 /// Whether something is between: any packet will do, as only that counts.
-inline M shadowed(const BatchScene& b, const ShadowRays& rays, U which, M wanted) {
-    const Vec3<F> origin = rays.origin[which], direction = rays.direction[which];
-    const F t_far = rays.t_far[which];
+inline M shadowed(const BatchScene& b, const ShadowRays& rays, const ShadowOrder& order,
+                  int begin, M wanted) {
+    const Vec3<F> origin = order.of(rays.origin, begin);
+    const Vec3<F> direction = order.of(rays.direction, begin);
+    const F t_far = order.of(rays.t_far, begin);
     if (!b.few_triangles.empty()) {
         return occluded(b.few_triangles, origin, direction, t_far, wanted);
     }
@@ -239,14 +251,14 @@ inline M shadowed(const BatchScene& b, const ShadowRays& rays, U which, M wanted
 
 /// The same where surfaces may let rays through: one by one.
 inline M shadowed_through_opacity(const BatchScene& b, const Paths& paths,
-                                  const ShadowRays& rays, U which, M wanted, int depth,
-                                  RayCounts& counts) {
+                                  const ShadowRays& rays, const ShadowOrder& order,
+                                  int begin, M wanted, int depth, RayCounts& counts) {
     std::uint32_t blocked = 0;
     for (int i = 0; i < lanes; ++i) {
         if (!wanted.lane(i)) {
             continue;
         }
-        const std::uint32_t k = which.lane(i);
+        const std::uint32_t k = order[begin + i];
         const Context c = lane_context(b, paths, rays.slot.at[k], counts);
         const Ray ray{rays.origin.one(k), rays.direction.one(k), 0.0f, rays.t_far.at[k]};
         blocked |= (trace(c, ray, light_group(depth)).valid() ? 1u : 0u) << i;
@@ -261,13 +273,12 @@ inline void trace_shadows(const BatchScene& b, Paths& paths, ShadowRays& rays, i
     const ShadowOrder order(rays, b.sorts_shadows());
     for (int i = 0; i < rays.size; i += lanes) {
         const M wanted = M::first(std::min(lanes, rays.size - i));
-        const U which = order[i];
-        const M blocked =
-            b.scene.has_opacity
-                ? shadowed_through_opacity(b, paths, rays, which, wanted, depth, counts)
-                : shadowed(b, rays, which, wanted);
-        const U slots = select(wanted, rays.slot[which], U(0u));
-        paths.radiance.add(wanted & !blocked, slots, rays.light[which]);
+        const M blocked = b.scene.has_opacity
+                              ? shadowed_through_opacity(b, paths, rays, order, i, wanted,
+                                                         depth, counts)
+                              : shadowed(b, rays, order, i, wanted);
+        const U slots = select(wanted, order.of(rays.slot, i), U(0u));
+        paths.radiance.add(wanted & !blocked, slots, order.of(rays.light, i));
     }
     rays.size = 0;
 }
