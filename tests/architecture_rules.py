@@ -22,7 +22,7 @@ CPP_ARROWS: dict[str, set[str]] = {
     "medium": {"math", "sampling", "image", "scene"},
     "guide": {"math", "sampling"},
     "isa": set(),
-    "accel": {"math", "sampling", "image", "scene", "isa"},
+    "accel": {"math", "memory", "sampling", "image", "scene", "isa"},
 }
 CPP_ARROWS["integrator"] = set(CPP_ARROWS)
 CPP_ARROWS["wide"] = set(CPP_ARROWS)

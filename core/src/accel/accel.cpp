@@ -7,10 +7,14 @@
 #include "accel/sphere_geometry.h"
 #include "error.h"
 #include "isa/isa.h"
+#include "memory/pages.h"
 
 namespace raykiln {
 
 namespace {
+
+// Less than this is found by the processor without looking.
+constexpr std::size_t worth_moving = std::size_t{4} << 20;
 
 bool count_memory(void* counter, ssize_t bytes, bool) {
     static_cast<std::atomic<std::int64_t>*>(counter)->fetch_add(bytes);
@@ -36,6 +40,24 @@ RTCGeometry make_mesh_geometry(RTCDevice device, const Mesh& mesh) {
                                mesh.indices, 0, 3 * sizeof(std::uint32_t),
                                mesh.triangle_count);
     return g;
+}
+
+void move_meshes_to_huge_pages(const Scene& scene) {
+    const auto move = [](const auto* array, std::size_t count) {
+        const std::size_t bytes = count * sizeof(*array);
+        if (array != nullptr && bytes >= std::size_t{64} << 10) {
+            move_to_huge_pages(array, bytes);
+        }
+    };
+    for (const Group& group : scene.groups) {
+        for (const Mesh& mesh : group.meshes) {
+            const std::size_t vertices = mesh.vertex_count;
+            move(mesh.positions, 3 * vertices);
+            move(mesh.normals, 3 * vertices);
+            move(mesh.uvs, 2 * vertices);
+            move(mesh.indices, 3 * std::size_t{mesh.triangle_count});
+        }
+    }
 }
 
 RTCRay embree_ray(const Ray& ray) {
@@ -105,6 +127,7 @@ struct Accel::Impl {
 };
 
 Accel::Accel(const Scene& scene) : impl_(std::make_unique<Impl>()) {
+    const NewMemory hierarchies;
     const std::string config = std::string("isa=") + isa_name(process_isa());
     impl_->device = rtcNewDevice(config.c_str());
     if (impl_->device == nullptr) {
@@ -129,6 +152,12 @@ Accel::Accel(const Scene& scene) : impl_(std::make_unique<Impl>()) {
         rtcCommitScene(target);
     }
     check(impl_->device);
+    // Rays read them, and the meshes, here and there: this saves look-ups of where a page
+    // is.
+    if (memory_bytes() >= worth_moving) {
+        hierarchies.move_to_huge_pages();
+        move_meshes_to_huge_pages(scene);
+    }
 }
 
 Accel::~Accel() = default;

@@ -1,6 +1,8 @@
 #pragma once
 
 #include <cstddef>
+#include <cstdint>
+#include <vector>
 
 namespace raykiln {
 
@@ -25,6 +27,26 @@ struct PageAllocator {
     void deallocate(T* memory, std::size_t) noexcept { free_pages(memory); }
 
     friend bool operator==(const PageAllocator&, const PageAllocator&) { return true; }
+};
+
+/// Moves memory into pages of 2 MiB, with what lies beside it in the first and the last
+/// one, but for pages that would be mostly empty. Needs Linux 6.1; elsewhere, and where
+/// the kernel refuses, it stays where it is.
+void move_to_huge_pages(const void* memory, std::size_t bytes);
+
+/// What this process allocates from now on; for libraries that allocate by themselves.
+class NewMemory {
+  public:
+    NewMemory();
+    void move_to_huge_pages() const;
+
+  private:
+    struct Range {
+        std::uintptr_t begin, end;
+    };
+    static std::vector<Range> ranges_now();
+
+    std::vector<Range> before_;  // ascending
 };
 
 }  // namespace raykiln
