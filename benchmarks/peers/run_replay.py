@@ -6,6 +6,8 @@ Runs with the recorder's library preloaded (see `replay.py`).
 from __future__ import annotations
 
 import ctypes
+import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +21,7 @@ WAYS = {"1": (1, 0), "8": (8, 0), "8 coherent": (8, 1), "16": (16, 0), "16 coher
 
 given = job()
 library = ctypes.CDLL(given["library"])
-library.recorder_start.argtypes = [ctypes.c_int64]
+library.recorder_start.argtypes = [ctypes.c_int64, ctypes.POINTER(ctypes.c_float)]
 library.recorder_replay.restype = ctypes.c_double
 outcome: dict[str, Any] = {"version": rk.__version__}
 
@@ -60,11 +62,15 @@ renderer = _core.Renderer(
         "few_triangles": False,
     },
 )
-library.recorder_start(given["rays"])
+origin = json.loads((Path(given["scene"]) / "neutral.json").read_text())["origin"]
+library.recorder_start(given["rays"], (ctypes.c_float * 3)(*origin))
 while not renderer.finished:
     renderer.run_pass(lambda _: True)
 counts = (ctypes.c_int64 * len(KINDS))()
 library.recorder_stop(counts)
+if counts[0] != renderer.counts()["camera_rays"]:
+    # Not every ray was kept, or the camera is elsewhere: the ways would be of other rays.
+    sys.exit(f"{counts[0]} camera rays recorded, {renderer.counts()['camera_rays']} traced")
 outcome["kinds"] = {
     name: {"rays": count, "ways": ways(i) if count else {}}
     for i, (name, count) in enumerate(zip(KINDS, counts, strict=True))

@@ -11,7 +11,6 @@ namespace recorder {
 namespace {
 
 std::atomic<std::int64_t> room{0};  // rays that may still be kept
-std::atomic<bool> origin_known{false};
 float camera_origin[3];
 std::mutex mutex;
 Recording kept;
@@ -27,13 +26,6 @@ Tape& own_tape() {
 }
 
 bool is_from_camera(const RecordedRay& ray) {
-    if (!origin_known.load(std::memory_order_acquire)) {
-        const std::lock_guard lock(mutex);
-        if (!origin_known.load()) {
-            std::memcpy(camera_origin, ray.org, sizeof camera_origin);
-            origin_known.store(true, std::memory_order_release);
-        }
-    }
     return std::memcmp(camera_origin, ray.org, sizeof camera_origin) == 0;
 }
 
@@ -91,8 +83,9 @@ const Recording& recording() {
 
 }  // namespace recorder
 
-/// Begins to record, up to a number of rays.
-extern "C" void recorder_start(std::int64_t rays) {
+/// Begins to record, up to a number of rays. `origin`: where those of the camera begin.
+extern "C" void recorder_start(std::int64_t rays, const float* origin) {
+    std::memcpy(recorder::camera_origin, origin, sizeof recorder::camera_origin);
     recorder::room = rays;
 }
 

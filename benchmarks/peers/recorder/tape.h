@@ -16,7 +16,7 @@
 
 namespace recorder {
 
-/// What a ray is for. A camera ray begins where the very first ray did (a pinhole).
+/// What a ray is for. A camera ray begins in the camera's pinhole.
 enum Kind : std::uint32_t { camera, bounce, shadow, kinds };
 
 struct RecordedRay {
