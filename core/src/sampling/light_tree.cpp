@@ -186,9 +186,18 @@ std::uint32_t pair(float first, float second) {
     return sign | ((size - low + 0x8000u) & 0xffff0000u) | low;
 }
 
+int widest_axis(const Bounds& b) {
+    const Vec3f e = b.extent();
+    if (e.x >= e.y && e.x >= e.z) {
+        return 0;
+    }
+    return e.y >= e.z ? 1 : 2;
+}
+
 }  // namespace
 
-/// Splits ranges of lights until each is one.
+/// Splits ranges of lights until each is one, in as few levels as they fit into: a batch
+/// of paths takes as many steps as the deepest of its lights has.
 struct LightTree::Builder {
     LightTree& tree;
     const std::vector<LightBounds>& lights;
@@ -197,51 +206,74 @@ struct LightTree::Builder {
     struct Range {
         std::size_t begin, end;
         std::size_t size() const { return end - begin; }
+        /// How many children it takes, with `most` lights below each.
+        std::size_t children(std::size_t most) const { return (size() + most - 1) / most; }
     };
 
-    // Paths have two bits a level: so many levels at most, the last one full of lights.
-    static constexpr int levels = 15;
+    static constexpr std::size_t fanout = 4;
 
-    /// Two parts of more than no light each.
-    std::size_t split(const Range& range, bool halve) {
+    /// The index that divides a range in two, neither empty, by the cheapest plane that
+    /// lets the parts fit into `children` of at most `most` lights; else near its middle.
+    std::size_t split(const Range& range, std::size_t children, std::size_t most) {
         LightBounds total;
         Bounds centers;
         for (std::size_t i = range.begin; i < range.end; ++i) {
             total = joined(total, lights[order[i]]);
             centers.add(lights[order[i]].bounds.center());
         }
-        const std::size_t half = range.begin + range.size() / 2;
+        const auto fits = [&](std::size_t middle) {
+            const Range low{range.begin, middle}, high{middle, range.end};
+            return low.size() > 0 && high.size() > 0 &&
+                   low.children(most) + high.children(most) <= children;
+        };
+        const auto iterator = [&](std::size_t i) {
+            return order.begin() + static_cast<std::ptrdiff_t>(i);
+        };
+        const auto along = [&](std::uint32_t light, int axis) {
+            return component(lights[light].bounds.center(), axis);
+        };
         const Split best =
-            halve ? Split{}
-                  : best_split(order, range.begin, range.end, lights, total, centers);
-        if (best.axis < 0) {
-            return half;
+            best_split(order, range.begin, range.end, lights, total, centers);
+        if (best.axis >= 0) {
+            const auto middle = std::partition(
+                iterator(range.begin), iterator(range.end), [&](std::uint32_t light) {
+                    return along(light, best.axis) < best.position;
+                });
+            const auto at = static_cast<std::size_t>(middle - order.begin());
+            if (fits(at)) {
+                return at;
+            }
         }
-        const auto at =
-            std::partition(order.begin() + static_cast<std::ptrdiff_t>(range.begin),
-                           order.begin() + static_cast<std::ptrdiff_t>(range.end),
-                           [&](std::uint32_t light) {
-                               return component(lights[light].bounds.center(),
-                                                best.axis) < best.position;
-                           });
-        const auto split_at = static_cast<std::size_t>(at - order.begin());
-        return split_at > range.begin && split_at < range.end ? split_at : half;
+        const int axis = widest_axis(centers);
+        const std::size_t half = range.begin + range.size() / 2;
+        const std::size_t third = range.begin + range.size() / 3;
+        const std::size_t at = fits(half) ? half : third;
+        std::nth_element(iterator(range.begin), iterator(at), iterator(range.end),
+                         [&](std::uint32_t a, std::uint32_t b) {
+                             const float of_a = along(a, axis), of_b = along(b, axis);
+                             return of_a < of_b || (of_a == of_b && a < b);
+                         });
+        return at;
     }
 
-    /// Up to four parts: of those so far, the one with the most lights is split.
-    std::vector<Range> parts(const Range& range, bool halve) {
+    /// Up to four parts of at most `most` lights: of those so far, the one with the most
+    /// lights is split.
+    std::vector<Range> parts(const Range& range, std::size_t most) {
         std::vector<Range> all{range};
-        while (all.size() < 4) {
-            const auto most = std::max_element(
+        std::size_t children = range.children(most);
+        while (all.size() < fanout) {
+            const auto largest = std::max_element(
                 all.begin(), all.end(),
                 [](const Range& a, const Range& b) { return a.size() < b.size(); });
-            if (most->size() < 2) {
+            if (largest->size() < 2) {
                 break;
             }
-            const std::size_t middle = split(*most, halve);
-            const std::size_t end = most->end;
-            most->end = middle;
-            all.insert(most + 1, Range{middle, end});
+            const std::size_t others = children - largest->children(most);
+            const std::size_t middle = split(*largest, fanout - others, most);
+            const Range low{largest->begin, middle}, high{middle, largest->end};
+            children = others + low.children(most) + high.children(most);
+            *largest = low;
+            all.insert(largest + 1, high);
         }
         return all;
     }
@@ -281,11 +313,11 @@ struct LightTree::Builder {
         return c;
     }
 
-    /// Fills a node, `level` below the root, and all below it.
-    void build(std::uint32_t index, int level, std::uint32_t path, const Range& range) {
-        // Whole levels of slack are left before the depth runs out.
-        const bool halve = range.size() > (std::size_t{1} << (2 * (levels - level))) / 16;
-        const std::vector<Range> children = parts(range, halve);
+    /// Fills a node, `level` below the root, and all below it: `most` lights at most under
+    /// each child.
+    void build(std::uint32_t index, int level, std::uint32_t path, const Range& range,
+               std::size_t most) {
+        const std::vector<Range> children = parts(range, most);
         for (std::uint32_t i = 0; i < children.size(); ++i) {
             const Range& child = children[i];
             Cluster c = cluster(child);
@@ -300,7 +332,7 @@ struct LightTree::Builder {
             c.next = static_cast<std::uint32_t>(tree.nodes_.size());
             tree.nodes_[index].child[i] = c;
             tree.nodes_.emplace_back();
-            build(c.next, level + 1, path_here, child);
+            build(c.next, level + 1, path_here, child, most / fanout);
         }
     }
 };
@@ -319,7 +351,11 @@ LightTree::LightTree(const std::vector<LightBounds>& lights) :
     }
     nodes_.emplace_back();
     size_ = builder.order.size();
-    builder.build(0, 0, 0, {0, size_});
+    std::size_t most = 1;
+    while (most * Builder::fanout < size_) {
+        most *= Builder::fanout;
+    }
+    builder.build(0, 0, 0, {0, size_}, most);
     for (std::size_t i = 0; i < size_; ++i) {
         place_of_light_[builder.order[i]] =
             static_cast<std::uint32_t>(i * places / size_);
