@@ -56,6 +56,43 @@ TEST(AliasTable, ProbabilitiesAreTheWeights) {
     }
 }
 
+// The textbook's way: the last cell whose sum before it is not above u.
+std::size_t cell_by_walking(const std::vector<float>& sums, std::size_t n, float u) {
+    std::size_t cell = 0;
+    while (cell + 1 < n && sums[cell] <= u) {
+        ++cell;
+    }
+    return cell;
+}
+
+TEST(Cdf, FindsWhatWalkingAlongFinds) {
+    Rng rng(34);
+    for (std::uint32_t n = 1; n < 300; n = n < 70 ? n + 1 : n + 37) {
+        // Also where it is told that there is one more.
+        for (const std::uint32_t most : {n, n + 1}) {
+            std::vector<float> sums(3 + Cdf::floats_for(most));
+            const std::uint32_t begin = 3;
+            Cdf::fill(spread_weights(n, n).data(), n, &sums[begin]);
+            const std::vector<float> line(sums.begin() + begin, sums.end());
+            std::vector<float> at{0.0f, one_minus_epsilon};
+            for (std::uint32_t i = 0; i < n; ++i) {
+                at.push_back(std::min(line[i], one_minus_epsilon));
+                at.push_back(rng.between(0.0f, one_minus_epsilon));
+            }
+            for (const float u : at) {
+                float within;
+                const std::uint32_t cell = Cdf::find(sums.data(), begin, most, u, within);
+                ASSERT_EQ(cell, cell_by_walking(line, n, u)) << n << " at " << u;
+                const float p = Cdf::probability(line.data(), cell);
+                const float before = cell == 0 ? 0.0f : line[cell - 1];
+                ASSERT_NEAR(before + within * p, u, 1e-6);
+                ASSERT_GE(within, 0.0f);
+                ASSERT_LT(within, 1.0f);
+            }
+        }
+    }
+}
+
 TEST(AliasTable, DrawsWithItsProbabilities) {
     for (const auto& weights : tables()) {
         const AliasTable table(weights);

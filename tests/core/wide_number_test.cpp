@@ -215,6 +215,8 @@ TEST(WideNumber, Gathers) {
     EXPECT_SAME_LANES(gather4(floats, i & U(1020u))[1]);
     EXPECT_SAME_LANES(gather4(floats, i & U(1020u))[2]);
     EXPECT_SAME_LANES(gather4(floats, (i & U(1023u)) - min(i & U(1023u), U(3u)))[3]);
+    EXPECT_SAME_LANES(
+        count_not_above(floats, (i & U(1023u)) - min(i & U(1023u), U(15u)), y));
     // Where the mask is not set, the index may be anything.
     EXPECT_SAME_LANES(gather(i < U(1024u), floats, i, y));
     EXPECT_SAME_LANES(gather(i < U(1024u), uints, i, j));

@@ -42,13 +42,18 @@ RTCGeometry make_mesh_geometry(RTCDevice device, const Mesh& mesh) {
     return g;
 }
 
-void move_meshes_to_huge_pages(const Scene& scene) {
+void move_arrays_to_huge_pages(const Scene& scene) {
     const auto move = [](const auto* array, std::size_t count) {
         const std::size_t bytes = count * sizeof(*array);
         if (array != nullptr && bytes >= std::size_t{64} << 10) {
             move_to_huge_pages(array, bytes);
         }
     };
+    for (const Texture& texture : scene.textures) {
+        if (const auto* image = std::get_if<ImageTexture>(&texture)) {
+            move(static_cast<const unsigned char*>(image->pixels), image->bytes());
+        }
+    }
     for (const Group& group : scene.groups) {
         for (const Mesh& mesh : group.meshes) {
             const std::size_t vertices = mesh.vertex_count;
@@ -152,11 +157,11 @@ Accel::Accel(const Scene& scene) : impl_(std::make_unique<Impl>()) {
         rtcCommitScene(target);
     }
     check(impl_->device);
-    // Rays read them, and the meshes, here and there: this saves look-ups of where a page
-    // is.
+    // Rays read them, and meshes and textures, here and there: this saves look-ups of
+    // where a page is.
     if (memory_bytes() >= worth_moving) {
         hierarchies.move_to_huge_pages();
-        move_meshes_to_huge_pages(scene);
+        move_arrays_to_huge_pages(scene);
     }
 }
 

@@ -146,7 +146,7 @@ void CausticGuide::add_cell(std::uint32_t node, std::size_t begin, std::size_t e
 
 /// Lobes about every `step`-th photon.
 void CausticGuide::add_lobes(std::size_t begin, std::size_t end, std::size_t step,
-                             std::vector<Lobe>& to) const {
+                             Lobes& to) const {
     std::vector<float> t;
     for (std::size_t i = begin; i < end; i += step) {
         t.clear();

@@ -5,6 +5,7 @@
 #include "math/bounds.h"
 #include "math/frame.h"
 #include "math/gather.h"
+#include "memory/pages.h"
 #include "sampling/warp.h"
 
 namespace raykiln {
@@ -68,22 +69,21 @@ class CausticGuide {
         Vec3f direction;
         float width;
     };
+    using Lobes = std::vector<Lobe, PageAllocator<Lobe>>;
     static constexpr std::uint32_t count_bits = 7;
 
     void divide(std::uint32_t node, std::size_t begin, std::size_t end,
                 const Bounds& region);
     void add_cell(std::uint32_t node, std::size_t begin, std::size_t end,
                   const Bounds& region);
-    void add_lobes(std::size_t begin, std::size_t end, std::size_t step,
-                   std::vector<Lobe>& to) const;
+    void add_lobes(std::size_t begin, std::size_t end, std::size_t step, Lobes& to) const;
 
     std::vector<Photon> photons_;  // while it is built
     float irradiance_ = 0.0f, concentration_ = 0.0f;
     Bounds bounds_;
-    std::vector<Node> nodes_;
-    std::vector<Lobe> lobes_;
-    std::vector<Lobe>
-        around_;  // while it is built: of the wider cell about the one at hand
+    std::vector<Node, PageAllocator<Node>> nodes_;
+    Lobes lobes_;
+    Lobes around_;  // while it is built: of the wider cell about the one at hand
 };
 
 template <class F>

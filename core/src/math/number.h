@@ -144,6 +144,14 @@ inline std::uint32_t gather(bool mask, const std::uint32_t* base, std::uint32_t 
 inline std::array<float, 4> gather4(const float* base, std::uint32_t index) {
     return {base[index], base[index + 1], base[index + 2], base[index + 3]};
 }
+/// How many of base[index .. index + 15] are not above x, in each lane.
+inline std::uint32_t count_not_above(const float* base, std::uint32_t index, float x) {
+    std::uint32_t number = 0;
+    for (std::uint32_t i = 0; i < 16; ++i) {
+        number += base[index + i] <= x ? 1 : 0;
+    }
+    return number;
+}
 /// base[index] = value where the mask is set; of equal indices the highest lane stays.
 inline void scatter(bool mask, float* base, std::uint32_t index, float value) {
     if (mask) {

@@ -240,6 +240,10 @@ inline std::array<Wide, 4> gather4(const float* base, WideUint index) {
     WideIsa::gather4(base, index.v, x);
     return {Wide(x[0], 0), Wide(x[1], 0), Wide(x[2], 0), Wide(x[3], 0)};
 }
+/// How many of base[index .. index + 15] are not above x, in each lane.
+inline WideUint count_not_above(const float* base, WideUint index, Wide x) {
+    return WideUint(WideIsa::count_not_above(base, index.v, x.v), 0);
+}
 /// base[index] = value where the mask is set; of equal indices the highest lane stays.
 inline void scatter(WideMask m, float* base, WideUint index, Wide value) {
     WideIsa::scatter(m.v, base, index.v, value.v);

@@ -104,6 +104,21 @@ struct WideIsa {
         out[2] = low(b, d);
         out[3] = high(b, d);
     }
+    /// How many of base[index + 0 .. 15] are not above x.
+    static Uint count_not_above(const float* base, Uint index, Float x) {
+        const auto counted = [](const float* row, __m256 most) {
+            const __m256 below = _mm256_cmp_ps(_mm256_loadu_ps(row), most, _CMP_LE_OQ);
+            return __builtin_popcount(static_cast<unsigned>(_mm256_movemask_ps(below)));
+        };
+        Uint number{};
+        for (int i = 0; i < width; ++i) {
+            const float* row = base + index[i];
+            const __m256 most = _mm256_set1_ps(x[i]);
+            number[i] =
+                static_cast<std::uint32_t>(counted(row, most) + counted(row + 8, most));
+        }
+        return number;
+    }
     /// The lanes of the mask moved to the front; the others are unspecified.
     static Uint compress(Mask m, Uint value) {
         const std::uint64_t bytes = _pdep_u64(bits(m), 0x0101010101010101u) * 0xffu;

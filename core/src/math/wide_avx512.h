@@ -111,6 +111,17 @@ struct WideIsa {
         out[2] = low(b, d);
         out[3] = high(b, d);
     }
+    /// How many of base[index + 0 .. 15] are not above x.
+    static Uint count_not_above(const float* base, Uint index, Float x) {
+        std::uint32_t at[width], number[width];
+        std::memcpy(at, &index, sizeof(at));
+        for (int i = 0; i < width; ++i) {
+            number[i] = static_cast<std::uint32_t>(__builtin_popcount(_mm512_cmp_ps_mask(
+                _mm512_loadu_ps(base + at[i]), _mm512_set1_ps(x[i]), _CMP_LE_OQ)));
+        }
+        std::memcpy(&index, number, sizeof(number));
+        return index;
+    }
     /// The lanes of the mask moved to the front; the others are 0.
     static Uint compress(Mask m, Uint value) {
         return uint(_mm512_maskz_compress_epi32(m, raw(value)));

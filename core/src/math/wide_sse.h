@@ -101,6 +101,19 @@ struct WideIsa {
         out[2] = low(b, d);
         out[3] = high(b, d);
     }
+    /// How many of base[index + 0 .. 15] are not above x.
+    static Uint count_not_above(const float* base, Uint index, Float x) {
+        Uint number{};
+        for (int i = 0; i < width; ++i) {
+            const __m128 most = _mm_set1_ps(x[i]);
+            for (int k = 0; k < 16; k += 4) {
+                const __m128 row = _mm_loadu_ps(base + index[i] + k);
+                number[i] += static_cast<std::uint32_t>(__builtin_popcount(
+                    static_cast<unsigned>(_mm_movemask_ps(_mm_cmple_ps(row, most)))));
+            }
+        }
+        return number;
+    }
     /// The lanes of the mask moved to the front; the others are unspecified.
     static Uint compress(Mask m, Uint value) {
         Uint front = value;

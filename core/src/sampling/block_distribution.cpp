@@ -7,41 +7,6 @@ namespace raykiln {
 
 namespace {
 
-/// Running sums of n weights scaled to end at 1; returns their total.
-template <class Weight>
-double fill_cdf(const Weight* weights, std::uint32_t n, float* cdf) {
-    double total = 0;
-    for (std::uint32_t i = 0; i < n; ++i) {
-        total += weights[i];
-    }
-    double running = 0;
-    cdf[0] = 0.0f;
-    for (std::uint32_t i = 0; i < n; ++i) {
-        running += total > 0 ? weights[i] / total : 1.0 / n;
-        cdf[i + 1] = static_cast<float>(running);
-    }
-    cdf[n] = 1.0f;
-    return total;
-}
-
-/// The cells of a cdf that hold i / parts and (i + 1) / parts, in the halves of a word.
-void fill_guide(const float* cdf, std::uint32_t n, std::uint32_t parts,
-                std::uint32_t* guide) {
-    std::uint32_t cell = 0;
-    for (std::uint32_t i = 0; i <= parts; ++i) {
-        const float u = static_cast<float>(i) / static_cast<float>(parts);
-        while (cell + 1 < n && cdf[cell + 1] <= u) {
-            ++cell;
-        }
-        if (i > 0) {
-            guide[i - 1] |= cell << 16;
-        }
-        if (i < parts) {
-            guide[i] = cell;
-        }
-    }
-}
-
 /// Where each of `parts` even parts of n cells begins, and the part of each cell.
 std::vector<std::uint32_t> starts_of_parts(std::uint32_t n, std::uint32_t parts,
                                            std::vector<std::uint32_t>& part_of_cell) {
@@ -66,8 +31,8 @@ BlockDistribution::BlockDistribution(const std::vector<float>& weights, int widt
     column_starts_(starts_of_parts(width_, columns_, column_of_cell_)),
     row_starts_(starts_of_parts(height_, rows_, row_of_cell_)) {
     const std::size_t w = width_, h = height_, columns = columns_;
-    row_cdfs_.resize((h + rows_) * columns);
-    column_cdfs_.resize((w + columns) * h);
+    row_cdfs_.resize(rows_ * columns * Cdf::floats_for(tallest()));
+    column_cdfs_.resize(h * columns * Cdf::floats_for(widest()));
     density_.resize(w * h);
     std::vector<double> row_sums;
     const float cells = static_cast<float>(width) * static_cast<float>(height);
@@ -78,20 +43,18 @@ BlockDistribution::BlockDistribution(const std::vector<float>& weights, int widt
             const std::uint32_t n = column_starts_[column + 1] - column_starts_[column];
             row_sums.clear();
             for (std::size_t y = top; y < bottom; ++y) {
-                row_sums.push_back(
-                    fill_cdf(&weights[y * w + left], n,
-                             &column_cdfs_[y * (w + columns) + left + column]));
+                row_sums.push_back(Cdf::fill(&weights[y * w + left], n,
+                                             &column_cdfs_[column_cdf(y, column)]));
             }
-            float* row_cdf =
-                &row_cdfs_[(top + row) * columns + column * (bottom - top + 1)];
-            masses_.push_back(fill_cdf(
-                row_sums.data(), static_cast<std::uint32_t>(bottom - top), row_cdf));
+            float* rows = &row_cdfs_[row_cdf(row, column)];
+            masses_.push_back(Cdf::fill(row_sums.data(),
+                                        static_cast<std::uint32_t>(bottom - top), rows));
             // The density that `sample` really has, from the rounded tables.
             for (std::size_t y = top; y < bottom; ++y) {
-                const float p_row = row_cdf[y - top + 1] - row_cdf[y - top];
-                const float* cdf = &column_cdfs_[y * (w + columns) + left + column];
+                const float p_row = Cdf::probability(rows, y - top);
+                const float* cdf = &column_cdfs_[column_cdf(y, column)];
                 for (std::size_t x = 0; x < n; ++x) {
-                    density_[y * w + left + x] = p_row * (cdf[x + 1] - cdf[x]) * cells;
+                    density_[y * w + left + x] = p_row * Cdf::probability(cdf, x) * cells;
                 }
             }
         }
@@ -100,26 +63,20 @@ BlockDistribution::BlockDistribution(const std::vector<float>& weights, int widt
 
 void BlockDistribution::add_view(const std::vector<double>& block_weights) {
     std::vector<double> row_sums(rows_);
-    const std::size_t cdfs = view_cdfs_.size(), words = view_guides_.size();
-    view_cdfs_.resize(cdfs + cdf_of(1u, 0u));
-    view_guides_.resize(words + guide_of(1u, 0u));
-    const auto fill = [&](const double* weights, std::uint32_t n, std::uint32_t line) {
-        float* cdf = &view_cdfs_[cdfs + cdf_of(0u, line)];
-        const double total = fill_cdf(weights, n, cdf);
-        fill_guide(cdf, n, guides, &view_guides_[words + guide_of(0u, line)]);
-        return total;
-    };
+    const std::size_t begin = view_cdfs_.size();
+    view_cdfs_.resize(begin + view_cdf(1u, 0u));
     for (std::uint32_t row = 0; row < rows_; ++row) {
-        row_sums[row] = fill(&block_weights[static_cast<std::size_t>(row) * columns_],
-                             columns_, row + 1);
+        row_sums[row] =
+            Cdf::fill(&block_weights[static_cast<std::size_t>(row) * columns_], columns_,
+                      &view_cdfs_[begin + view_cdf(0u, row + 1)]);
     }
-    fill(row_sums.data(), rows_, 0);
-    const float* row_cdf = &view_cdfs_[cdfs];
+    const float* rows = &view_cdfs_[begin];
+    Cdf::fill(row_sums.data(), rows_, &view_cdfs_[begin]);
     for (std::uint32_t row = 0; row < rows_; ++row) {
-        const float* cdf = &view_cdfs_[cdfs + cdf_of(0u, row + 1)];
+        const float* cdf = &view_cdfs_[begin + view_cdf(0u, row + 1)];
         for (std::uint32_t column = 0; column < columns_; ++column) {
-            probability_.push_back((row_cdf[row + 1] - row_cdf[row]) *
-                                   (cdf[column + 1] - cdf[column]));
+            probability_.push_back(Cdf::probability(rows, row) *
+                                   Cdf::probability(cdf, column));
         }
     }
 }

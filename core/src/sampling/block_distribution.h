@@ -3,6 +3,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "memory/pages.h"
 #include "sampling/distribution.h"
 
 namespace raykiln {
@@ -48,15 +49,24 @@ class BlockDistribution {
     F pdf(const ViewMix<F>& views, Vec2<F> point) const;
 
   private:
-    /// Where a view has the running sums and guides of its block rows (`line` 0) and of
-    /// the blocks in row `line` - 1.
+    /// Cells along the longer side of a block.
+    std::uint32_t widest() const { return (width_ + columns_ - 1) / columns_; }
+    std::uint32_t tallest() const { return (height_ + rows_ - 1) / rows_; }
+    /// Where a view has the running sums of its block rows (`line` 0) and of the blocks
+    /// in row `line` - 1.
     template <class U>
-    U cdf_of(U view, U line) const {
-        return (view * U(rows_ + 1) + line) * U(most_columns + 1);
+    U view_cdf(U view, U line) const {
+        return (view * U(rows_ + 1) + line) * U(Cdf::floats_for(most_columns));
     }
+    /// Where a block has those of its rows.
     template <class U>
-    U guide_of(U view, U line) const {
-        return (view * U(rows_ + 1) + line) * U(guides);
+    U row_cdf(U row, U column) const {
+        return (row * U(columns_) + column) * U(Cdf::floats_for(tallest()));
+    }
+    /// Where row y of a block has those of its cells.
+    template <class U>
+    U column_cdf(U y, U column) const {
+        return (y * U(columns_) + column) * U(Cdf::floats_for(widest()));
     }
 
     /// Probability of a block, by the views together.
@@ -71,6 +81,8 @@ class BlockDistribution {
         return sum;
     }
 
+    using Floats = std::vector<float, PageAllocator<float>>;
+
     std::uint32_t width_ = 0, height_ = 0;
     std::uint32_t columns_ = 0, rows_ = 0;
     std::vector<std::uint32_t> column_of_cell_, row_of_cell_;
@@ -78,12 +90,9 @@ class BlockDistribution {
     std::vector<double> masses_;
     // Within blocks: running sums over the rows of a block, over the cells of a row of a
     // block, and the density of a cell.
-    std::vector<float> row_cdfs_, column_cdfs_, density_;
-    // Of each view: running sums over blocks, the cells that hold i / guides and
-    // (i + 1) / guides (the upper half of the word), and the probability of each block.
-    static constexpr std::uint32_t guides = 16;
-    std::vector<float> view_cdfs_, probability_;
-    std::vector<std::uint32_t> view_guides_;
+    Floats row_cdfs_, column_cdfs_, density_;
+    // Of each view: running sums over blocks, and the probability of each block.
+    Floats view_cdfs_, probability_;
 };
 
 template <class F>
@@ -93,25 +102,13 @@ inline Vec2<F> BlockDistribution::sample(const ViewMix<F>& views, F u, F v, F w,
     const F first = views.share[0], two = first + views.share[1];
     const U view =
         select(w < first, views.view[0], select(w < two, views.view[1], views.view[2]));
-    const auto find_block = [&](U line, F x, F& rest) {
-        const U part = min(to_uint(x * F(static_cast<float>(guides))), U(guides - 1));
-        const U ends = gather(view_guides_.data(), guide_of(view, line) + part);
-        return detail::find_cell(view_cdfs_.data(), cdf_of(view, line), ends & U(0xffffu),
-                                 ends >> 16, x, rest);
-    };
-    const U row = find_block(U(0u), v, v);
-    const U column = find_block(row + U(1u), u, u);
-
-    const U top = gather(row_starts_.data(), row);
-    const U height = gather(row_starts_.data() + 1, row) - top;
-    const U left = gather(column_starts_.data(), column);
-    const U width = gather(column_starts_.data() + 1, column) - left;
-    const U row_cdf = (top + row) * U(columns_) + column * (height + U(1u));
-    const U y =
-        top + detail::find_cell(row_cdfs_.data(), row_cdf, U(0u), height - U(1u), v, v);
-    const U column_cdf = y * U(width_ + columns_) + left + column;
-    const U x = left + detail::find_cell(column_cdfs_.data(), column_cdf, U(0u),
-                                         width - U(1u), u, u);
+    const U row = Cdf::find(view_cdfs_.data(), view_cdf(view, U(0u)), rows_, v, v);
+    const U column =
+        Cdf::find(view_cdfs_.data(), view_cdf(view, row + U(1u)), columns_, u, u);
+    const U y = gather(row_starts_.data(), row) +
+                Cdf::find(row_cdfs_.data(), row_cdf(row, column), tallest(), v, v);
+    const U x = gather(column_starts_.data(), column) +
+                Cdf::find(column_cdfs_.data(), column_cdf(y, column), widest(), u, u);
 
     pdf = probability_of(views, row, column) * gather(density_.data(), y * U(width_) + x);
     return {(to_float(x) + u) / F(static_cast<float>(width_)),

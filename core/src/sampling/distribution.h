@@ -1,5 +1,6 @@
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 #include <vector>
 
@@ -45,37 +46,60 @@ class AliasTable {
     std::vector<Cell> cells_;
 };
 
-namespace detail {
-
-/// The cell of a cdf (n + 1 entries from `offset`) that holds u, and where in it, in
-/// [0, 1). `low` and `high` are cells that it lies between, ends included.
-template <class F>
-inline Uint<F> find_cell(const float* cdf, Uint<F> offset, Uint<F> low, Uint<F> high, F u,
-                         F& within) {
-    using U = Uint<F>;
-    // The last entry that is not above u.
-    auto open = low < high;
-    while (any(open)) {
-        const U middle = (low + high + U(1u)) >> 1;
-        const auto below = gather(cdf, offset + middle) <= u;
-        low = select(open & below, middle, low);
-        high = select(open & !below, middle - U(1u), high);
-        open = low < high;
+/// Running sums of probabilities, searched sixteen cells at a time.
+struct Cdf {
+    static constexpr std::uint32_t row = 16;
+    /// How many floats hold the sums of n cells.
+    static constexpr std::uint32_t floats_for(std::uint32_t n) {
+        return (n + row - 1) / row * row;
     }
-    const F start = gather(cdf, offset + low);
-    const F size = gather(cdf, offset + low + U(1u)) - start;
-    const auto wide = size > F(0.0f);
-    within =
-        select(wide, min((u - start) / select(wide, size, F(1.0f)), F(one_minus_epsilon)),
-               F(0.5f));
-    return low;
-}
-template <class F>
-inline Uint<F> find_cell(const float* cdf, Uint<F> offset, int n, F u, F& within) {
-    return find_cell(cdf, offset, Uint<F>(0u), Uint<F>(static_cast<std::uint32_t>(n - 1)),
-                     u, within);
-}
-
-}  // namespace detail
+    /// The sums up to the ends of n cells whose probabilities are in proportion to
+    /// `weights`, all alike if they are all 0; what follows is above 1. Returns the
+    /// total.
+    template <class Weight>
+    static double fill(const Weight* weights, std::uint32_t n, float* sums) {
+        double total = 0;
+        for (std::uint32_t i = 0; i < n; ++i) {
+            total += weights[i];
+        }
+        double running = 0;
+        for (std::uint32_t i = 0; i < n; ++i) {
+            running += total > 0 ? weights[i] / total : 1.0 / n;
+            sums[i] = static_cast<float>(running);
+        }
+        sums[n - 1] = 1.0f;
+        std::fill(sums + n, sums + floats_for(n), 2.0f);
+        return total;
+    }
+    /// The probability of a cell.
+    static float probability(const float* sums, std::size_t cell) {
+        return sums[cell] - (cell == 0 ? 0.0f : sums[cell - 1]);
+    }
+    /// The cell that holds u, in [0, 1), and where in it, also in [0, 1). Its cells, from
+    /// `sums[begin]` on, are `most` or one less; one with a probability of 0 is not
+    /// found.
+    template <class F>
+    static Uint<F> find(const float* sums, Uint<F> begin, std::uint32_t most, F u,
+                        F& within) {
+        using U = Uint<F>;
+        U first = begin;  // the row to count in
+        for (std::uint32_t rows = floats_for(most) / row; rows > 1;) {
+            const std::uint32_t half = rows / 2;
+            const U middle = first + U(half * row);
+            first = select(gather(sums, middle - U(1u)) <= u, middle, first);
+            rows -= half;
+        }
+        const U at = first + count_not_above(sums, first, u);
+        const auto later = at != begin;
+        const F before = gather(sums, select(later, at - U(1u), at));
+        const F start = select(later, before, F(0.0f));
+        const F size = gather(sums, at) - start;
+        const auto wide = size > F(0.0f);
+        within = select(
+            wide, min((u - start) / select(wide, size, F(1.0f)), F(one_minus_epsilon)),
+            F(0.5f));
+        return at - begin;
+    }
+};
 
 }  // namespace raykiln

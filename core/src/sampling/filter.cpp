@@ -58,12 +58,7 @@ Filter::Filter(FilterKind kind) : kind_(kind), radius_(radius_of(kind)), integra
         integral_ += masses[static_cast<std::size_t>(i)] =
             part_of_integral(kind, i, cells);
     }
-    double running = 0;
-    for (std::size_t i = 0; i < cells; ++i) {
-        running += masses[i];
-        cdf_[i + 1] = static_cast<float>(running / integral_);
-    }
-    cdf_[cells] = 1.0f;
+    Cdf::fill(masses.data(), cells, cdf_.data());
 }
 
 float Filter::density(float offset) const {

@@ -25,8 +25,8 @@ class Filter {
     static constexpr int cells = 1024;
     FilterKind kind_;
     float radius_;
-    double integral_;                     // of the shape over (-1, 1)
-    std::array<float, cells + 1> cdf_{};  // of the even cells across it
+    double integral_;                             // of the shape over (-1, 1)
+    alignas(64) std::array<float, cells> cdf_{};  // of the even cells across it
 };
 
 template <class F>
@@ -42,7 +42,7 @@ inline F Filter::offset(F u) const {
     // The cell that holds u, and where in it: there are as many as make the tails, where
     // little of the filter is spread wide, come out right.
     F within;
-    const Uint<F> cell = detail::find_cell(cdf_.data(), Uint<F>(0u), cells, u, within);
+    const Uint<F> cell = Cdf::find(cdf_.data(), Uint<F>(0u), cells, u, within);
     return ((to_float(cell) + within) * F(2.0f / cells) - F(1.0f)) * F(radius_);
 }
 

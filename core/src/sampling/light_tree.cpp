@@ -207,7 +207,9 @@ struct LightTree::Builder {
         std::size_t begin, end;
         std::size_t size() const { return end - begin; }
         /// How many children it takes, with `most` lights below each.
-        std::size_t children(std::size_t most) const { return (size() + most - 1) / most; }
+        std::size_t children(std::size_t most) const {
+            return (size() + most - 1) / most;
+        }
     };
 
     static constexpr std::size_t fanout = 4;
@@ -313,8 +315,8 @@ struct LightTree::Builder {
         return c;
     }
 
-    /// Fills a node, `level` below the root, and all below it: `most` lights at most under
-    /// each child.
+    /// Fills a node, `level` below the root, and all below it: `most` lights at most
+    /// under each child.
     void build(std::uint32_t index, int level, std::uint32_t path, const Range& range,
                std::size_t most) {
         const std::vector<Range> children = parts(range, most);

@@ -27,6 +27,11 @@ struct ImageTexture {
     TextureFilter filter = TextureFilter::bilinear;
     TextureWrap wrap_u = TextureWrap::repeat, wrap_v = TextureWrap::repeat;
     UvTransform uv_transform;
+
+    std::size_t bytes() const {
+        return static_cast<std::size_t>(width) * static_cast<std::size_t>(height) *
+               static_cast<std::size_t>(channels) * value_bytes(format);
+    }
 };
 
 /// 2 x 2 squares a unit of uv; color0 at (0.25, 0.25).
