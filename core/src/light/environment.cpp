@@ -101,6 +101,42 @@ void add_views(BlockDistribution& distribution, int width, int height) {
     distribution.add_view(masses);
 }
 
+/// The luminance along a line across the map, at every half of a texel's width.
+void luminances_along(const Texture& map, int width, float v, std::vector<float>& line) {
+    for (std::size_t i = 0; i < line.size(); ++i) {
+        const float x = 0.5f * static_cast<float>(i);
+        line[i] = luminance(lookup(map, {x / static_cast<float>(width), v}).rgb);
+    }
+}
+
+/// For each texel the greatest luminance of the bilinear patches over it, so that no lit
+/// direction has a density of 0, times the sine of its angle to the axis.
+std::vector<float> weights_of_texels(const Texture& map, int width, int height) {
+    std::vector<float> weights;
+    const std::size_t halves = 2 * static_cast<std::size_t>(width) + 1;
+    std::vector<float> above(halves), middle(halves), below(halves);
+    const auto fill = [&](std::vector<float>& line, float y) {
+        luminances_along(map, width, y / static_cast<float>(height), line);
+    };
+    fill(below, 0.0f);
+    for (int row = 0; row < height; ++row) {
+        const auto y = static_cast<float>(row);
+        std::swap(above, below);
+        fill(middle, y + 0.5f);
+        fill(below, y + 1.0f);
+        float sine, cosine;
+        sin_cos_turns((y + 0.5f) / static_cast<float>(height) * 0.5f, sine, cosine);
+        for (std::size_t x = 0; x + 2 < halves; x += 2) {
+            float peak = 0;
+            for (std::size_t i = x; i < x + 3; ++i) {
+                peak = max(peak, max(above[i], max(middle[i], below[i])));
+            }
+            weights.push_back(std::isfinite(peak) ? peak * sine : 0.0f);
+        }
+    }
+    return weights;
+}
+
 }  // namespace
 
 void prepare_environment(EnvironmentLight& light, const std::vector<Texture>& textures) {
@@ -110,39 +146,16 @@ void prepare_environment(EnvironmentLight& light, const std::vector<Texture>& te
     }
     const Texture& map = map_of(light, textures);
     const auto& image = std::get<ImageTexture>(map);
-    const int width = image.width, height = image.height;
-    // A cell's weight is the greatest luminance of the bilinear patch over it, so that no
-    // lit direction has density 0.
-    std::vector<float> weights(static_cast<std::size_t>(width) *
-                               static_cast<std::size_t>(height));
+    const std::vector<float> weights = weights_of_texels(map, image.width, image.height);
     double power = 0;
-    for (int y = 0; y < height; ++y) {
-        float sine, cosine;
-        const float v = (static_cast<float>(y) + 0.5f) / static_cast<float>(height);
-        sin_cos_turns(v * 0.5f, sine, cosine);
-        for (int x = 0; x < width; ++x) {
-            float peak = 0;
-            for (int corner = 0; corner < 9; ++corner) {
-                const float cx =
-                    static_cast<float>(x) + 0.5f * static_cast<float>(corner % 3);
-                const float cy =
-                    static_cast<float>(y) + 0.5f * static_cast<float>(corner / 3);
-                const Vec2f uv{cx / static_cast<float>(width),
-                               cy / static_cast<float>(height)};
-                peak = max(peak, luminance(lookup(map, uv).rgb));
-            }
-            const auto cell =
-                static_cast<std::size_t>(y) * static_cast<std::size_t>(width) +
-                static_cast<std::size_t>(x);
-            weights[cell] = std::isfinite(peak) ? peak * sine : 0.0f;
-            power += weights[cell];
-        }
+    for (const float weight : weights) {
+        power += weight;
     }
-    light.power = static_cast<float>(power * 2.0 * pi * pi /
-                                     (static_cast<double>(width) * height)) *
-                  luminance(light.scale);
-    light.distribution = BlockDistribution(weights, width, height);
-    add_views(light.distribution, width, height);
+    const auto texels = static_cast<double>(weights.size());
+    light.power =
+        static_cast<float>(power * 2.0 * pi * pi / texels) * luminance(light.scale);
+    light.distribution = BlockDistribution(weights, image.width, image.height);
+    add_views(light.distribution, image.width, image.height);
 }
 
 }  // namespace raykiln
