@@ -105,6 +105,12 @@ std::vector<double> integrate_over_bins(const Pdf& pdf, int max_depth) {
     return SphereIntegrator<Pdf>(pdf, max_depth).bins();
 }
 
+/// Uniform in the cube from -range to range.
+inline Vec3f random_point(Rng& rng, float range) {
+    return {rng.between(-range, range), rng.between(-range, range),
+            rng.between(-range, range)};
+}
+
 /// A direction uniform over the sphere.
 inline Vec3f random_direction(Rng& rng) {
     const double z = 1 - 2.0 * rng.unit();

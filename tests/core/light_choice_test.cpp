@@ -13,11 +13,6 @@ using test::Rng;
 
 constexpr int samples = 1000000;
 
-Vec3f random_point(Rng& rng, float range) {
-    return {rng.between(-range, range), rng.between(-range, range),
-            rng.between(-range, range)};
-}
-
 /// Small emissive triangles here and there, some two-sided, spheres, points, spots, a sun
 /// and a sky.
 Scene lights_of_all_kinds(std::uint64_t seed) {
@@ -29,9 +24,9 @@ Scene lights_of_all_kinds(std::uint64_t seed) {
     for (int i = 0; i < 5; ++i) {
         const Vec3f axis = test::random_direction(rng);
         const Vec3f power = Vec3f(rng.between(0.1f, 10.0f));
-        scene.lights.emplace_back(PointLight{random_point(rng, 3), power});
+        scene.lights.emplace_back(PointLight{test::random_point(rng, 3), power});
         scene.lights.emplace_back(
-            SpotLight{random_point(rng, 3), axis, power, 0.9f, 0.7f});
+            SpotLight{test::random_point(rng, 3), axis, power, 0.9f, 0.7f});
     }
     scene.lights.emplace_back(DirectionalLight{{0, -1, 0}, Vec3f(1.0f)});
     scene.lights.emplace_back(EnvironmentLight{});
@@ -51,7 +46,7 @@ Scene lights_of_all_kinds(std::uint64_t seed) {
 
 LightReceiver random_receiver(Rng& rng) {
     // Within the lights, among them and outside; some without a side.
-    LightReceiver r{random_point(rng, 5), test::random_direction(rng)};
+    LightReceiver r{test::random_point(rng, 5), test::random_direction(rng)};
     if (rng.below(4) == 0) {
         r.normal = Vec3f(0.0f);
     }
@@ -139,12 +134,12 @@ LightTree heaps(std::uint64_t seed, std::uint32_t count) {
     Vec3f center(0.0f);
     for (std::uint32_t i = 0; i < count; ++i) {
         if (i % 97 == 0) {
-            center = random_point(rng, 10.0f);
+            center = test::random_point(rng, 10.0f);
         }
         LightBounds& b = lights[i];
         b.bounds.add(center);
         if (i % 3 != 0) {
-            b.bounds.add(center + random_point(rng, 0.1f));
+            b.bounds.add(center + test::random_point(rng, 0.1f));
         }
         b.power = i % 11 == 0 ? 0.0f : rng.between(0.1f, 10.0f);
         b.axis = test::random_direction(rng);
@@ -220,7 +215,7 @@ TEST(LightTree, NeighboursHaveLikePlaces) {
     std::vector<LightBounds> lights(count);
     for (std::uint32_t i = 0; i < count; ++i) {
         const float side = i % 2 == 0 ? -100.0f : 100.0f;
-        lights[i].bounds.add(Vec3f(side, 0, 0) + random_point(rng, 1.0f));
+        lights[i].bounds.add(Vec3f(side, 0, 0) + test::random_point(rng, 1.0f));
         lights[i].power = 1.0f;
     }
     const LightTree tree(lights);

@@ -1,6 +1,7 @@
 #include "integrator/context.h"
 #include "integrator/guided.h"
 #include "integrator/roulette.h"
+#include "light/emitter_bounds.h"
 
 namespace raykiln {
 
@@ -54,6 +55,10 @@ Vec3f estimate_path(const Context& c, const Ray& camera_ray, FirstHit& first) {
         eta_scale *= next.eta;
         origin = {receiver_of(s, bsdf), next.specular ? 0.0f : next.pdf_solid_angle};
         ray = spawn_ray(s, normalize(s.shading.to_world(next.dir_in)));
+        if (depth + 1 == c.settings.max_depth &&
+            !may_meet_light(c.scene, ray.origin, ray.direction)) {
+            return radiance;
+        }
 
         // Russian roulette: end paths that carry little, make up for it in the others.
         if (c.settings.rr_depth >= 0 && depth >= c.settings.rr_depth) {

@@ -201,6 +201,17 @@ void add_triangle_lights(Scene& scene, const Mesh& mesh,
     }
 }
 
+/// What rays that meet the lights from `first` on go through.
+Bounds bounds_from(const Scene& scene, std::size_t first) {
+    Bounds all;
+    for (std::size_t i = first; i < scene.lights.size(); ++i) {
+        all.add(std::visit(BoundsOf{scene}, scene.lights[i]).bounds);
+    }
+    // Lights are rounded otherwise than the shapes that rays meet.
+    const Vec3f margin(1e-6f * max(max_abs(all.low), max_abs(all.high)));
+    return {all.low - margin, all.high + margin};
+}
+
 /// Adds the lights of a group placed once; returns where each geometry begins in
 /// `surface_lights`.
 std::vector<std::uint32_t> add_surface_lights(Scene& scene, const Group& group,
@@ -210,7 +221,9 @@ std::vector<std::uint32_t> add_surface_lights(Scene& scene, const Group& group,
         const auto first = static_cast<std::uint32_t>(scene.surface_lights.size());
         offsets.push_back(mesh.emission == no_index ? no_index : first);
         if (mesh.emission != no_index) {
+            const std::size_t lights = scene.lights.size();
             add_triangle_lights(scene, mesh, world_from_group);
+            scene.emitter_bounds.push_back(bounds_from(scene, lights));
         }
     }
     for (const Sphere& sphere : group.spheres) {
@@ -225,6 +238,7 @@ std::vector<std::uint32_t> add_surface_lights(Scene& scene, const Group& group,
             scene.lights.emplace_back(
                 SphereLight{world_from_group.point(sphere.center), sphere.radius * scale,
                             sphere.flip_normals ? 1u : 0u, sphere.emission});
+            scene.emitter_bounds.push_back(bounds_from(scene, scene.lights.size() - 1));
         }
     }
     return offsets;
@@ -275,6 +289,18 @@ LightTable tabulate(const std::vector<Light>& lights) {
     return table;
 }
 
+/// More boxes would take longer than the rays that they spare.
+void join_many(std::vector<Bounds>& bounds) {
+    constexpr std::size_t most = 8;
+    if (bounds.size() > most) {
+        Bounds all;
+        for (const Bounds& one : bounds) {
+            all.add(one);
+        }
+        bounds = {all};
+    }
+}
+
 }  // namespace
 
 void prepare_lights(Scene& scene) {
@@ -288,6 +314,7 @@ void prepare_lights(Scene& scene) {
         scene.instance_light_offset.push_back(add_surface_lights(
             scene, scene.groups[instance.group], instance.world_from_group));
     }
+    join_many(scene.emitter_bounds);
     std::vector<LightBounds> near_bounds;
     std::vector<float> far_powers;
     for (std::uint32_t i = 0; i < scene.lights.size(); ++i) {

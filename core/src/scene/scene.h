@@ -37,6 +37,8 @@ struct Scene {
     /// not emit.
     std::vector<std::uint32_t> light_offset;
     std::vector<std::vector<std::uint32_t>> instance_light_offset;
+    /// Around each shape that emits; around all of them where they are many.
+    std::vector<Bounds> emitter_bounds;
     Bounds bounds;
     bool has_opacity = false;  ///< some material lets rays through
 

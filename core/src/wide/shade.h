@@ -6,6 +6,7 @@
 #include "integrator/mis.h"
 #include "integrator/roulette.h"
 #include "integrator/surface.h"
+#include "light/emitter_bounds.h"
 #include "light/sample_light.h"
 #include "wide/met_shapes.h"
 #include "wide/planes.h"
@@ -208,13 +209,17 @@ inline void scatter_paths(const Vertex& at, const SurfacePoint<F>& s, const B& b
         throughput *= F(1.0f) / survival;
     }
     const Vec3<F> direction = normalize(s.shading.to_world(next.dir_in));
+    const Vec3<F> origin = offset_origin(s.p, s.normal, direction, s.error);
+    if (at.depth + 1 == e.max_depth) {
+        alive = alive & may_meet_light(at.b.scene, origin, direction);
+    }
     Paths& p = at.paths;
     p.throughput.put(alive, at.slots, throughput);
     p.eta_scale.put(alive, at.slots, eta_scale);
     p.from.put(alive, at.slots, s.p);
     p.from_normal.put(alive, at.slots, receiver.normal);
     p.pdf_bsdf.put(alive, at.slots, select(next.specular, F(0.0f), next.pdf_solid_angle));
-    p.origin.put(alive, at.slots, offset_origin(s.p, s.normal, direction, s.error));
+    p.origin.put(alive, at.slots, origin);
     p.direction.put(alive, at.slots, direction);
     scatter(at.valid, p.alive.at, at.slots, select(alive, U(1u), U(0u)));
     at.counts.bounce += static_cast<std::uint64_t>(count(alive));
