@@ -10,7 +10,8 @@
 namespace raykiln {
 inline namespace RAYKILN_WIDE_NAMESPACE {
 
-/// The surfaces that some paths met: what their shapes and places say, lane by lane.
+/// The surfaces that some paths met: what their shapes and places say, lane by lane. Kept
+/// from vertex to vertex, as clearing it takes long: what the masks leave out is stale.
 struct MetShapes {
     TriangleCorners<F> corners;
     SphereLightOf<F> sphere;  // center and radius
@@ -75,9 +76,8 @@ inline std::uint32_t light_of_slot(const BatchScene& b, const Paths& paths,
 }
 
 /// All lanes met one mesh, which is not placed anywhere.
-inline MetShapes fetch_mesh(const BatchScene& b, const Paths& paths, U slots,
-                            const ShapeRecord& mesh) {
-    MetShapes met;
+inline void fetch_mesh(const BatchScene& b, const Paths& paths, U slots,
+                       const ShapeRecord& mesh, MetShapes& met) {
     met.sign = F(mesh.sign);
     met.on_sphere = met.placed = M(false);
     met.emits = M(mesh.emission != no_index);
@@ -91,11 +91,10 @@ inline MetShapes fetch_mesh(const BatchScene& b, const Paths& paths, U slots,
         met.light = load(light);
     }
     fetch_triangles(mesh, paths.primitive[slots], met.corners);
-    return met;
 }
 
 /// Each lane's own shape, one lane after the other.
-inline MetShapes fetch_each(const BatchScene& b, const Paths& paths, U slots) {
+inline void fetch_each(const BatchScene& b, const Paths& paths, U slots, MetShapes& met) {
     LaneBuffer3 p[3], n[3], center, mx, my, mz, mo;
     LaneBuffer u[3], v[3], radius, sign;
     alignas(64) std::uint32_t slot[lanes], emission[lanes], light[lanes];
@@ -149,7 +148,6 @@ inline MetShapes fetch_each(const BatchScene& b, const Paths& paths, U slots) {
             }
         }
     }
-    MetShapes met;
     for (int k = 0; k < 3; ++k) {
         met.corners.p[k] = p[k].all();
         if (has_normals != 0) {
@@ -174,17 +172,18 @@ inline MetShapes fetch_each(const BatchScene& b, const Paths& paths, U slots) {
     if (placed != 0) {
         met.world_from_group = {mx.all(), my.all(), mz.all(), mo.all()};
     }
-    return met;
 }
 
-inline MetShapes fetch_shapes(const BatchScene& b, const Paths& paths, U slots) {
+inline void fetch_shapes(const BatchScene& b, const Paths& paths, U slots,
+                         MetShapes& met) {
     const U shape = paths.shape[slots];
     const ShapeRecord& first = b.shapes.shapes[first_lane(shape)];
     if (first.by_gather && b.scene.instances.empty() &&
         all(shape == U(first_lane(shape)))) {
-        return fetch_mesh(b, paths, slots, first);
+        fetch_mesh(b, paths, slots, first, met);
+    } else {
+        fetch_each(b, paths, slots, met);
     }
-    return fetch_each(b, paths, slots);
 }
 
 }  // namespace RAYKILN_WIDE_NAMESPACE

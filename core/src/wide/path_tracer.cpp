@@ -173,7 +173,8 @@ class PathTracer final : public BatchTracer {
                             static_cast<int>(std::min<std::uint32_t>(lanes, end - i)));
                         const U slots =
                             select(valid, load(sorted_.at + i), U(sorted_.at[i]));
-                        shade({b_, paths_, shadows_, batch, depth, slots, valid, counts},
+                        shade({b_, paths_, shadows_, batch, met_, depth, slots, valid,
+                               counts},
                               material, kind);
                     }
                 },
@@ -196,6 +197,7 @@ class PathTracer final : public BatchTracer {
     const BatchScene& b_;
     Paths paths_;
     ShadowRays shadows_;
+    MetShapes met_;
     Plane pixel_x_, pixel_y_;
     Indices active_, sorted_, group_;
     int size_ = 0;  // number of active slots

@@ -89,6 +89,7 @@ struct Vertex {
     Paths& paths;
     ShadowRays& shadows;
     Batch& batch;
+    MetShapes& met;
     int depth;
     U slots;
     M valid;
@@ -230,7 +231,8 @@ template <class Kind>
 inline void shade(const Vertex& at, const Material& material, const Kind& kind) {
     const BatchScene& b = at.b;
     const Vec3<F> direction = at.paths.direction[at.slots];
-    const MetShapes met = fetch_shapes(b, at.paths, at.slots);
+    fetch_shapes(b, at.paths, at.slots, at.met);
+    const MetShapes& met = at.met;
     const SurfacePoint<F> s =
         surface_point(geometry_of(met, at.paths, at.slots), met.sign, material,
                       b.scene.textures, -direction);
