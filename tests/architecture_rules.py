@@ -20,7 +20,7 @@ CPP_ARROWS: dict[str, set[str]] = {
     "light": {"math", "sampling", "image", "scene", "texture"},
     "camera": {"math", "sampling", "image", "scene"},
     "medium": {"math", "sampling", "image", "scene"},
-    "guide": {"math", "sampling"},
+    "guide": {"math", "memory", "sampling"},
     "isa": set(),
     "accel": {"math", "memory", "sampling", "image", "scene", "isa"},
 }
