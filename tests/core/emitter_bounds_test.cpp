@@ -92,6 +92,15 @@ TEST(EmitterBounds, RaysElsewhereAreKnown) {
     EXPECT_TRUE(may_meet_light(scene, center, Vec3f(1, 0, 0)));
 }
 
+TEST(EmitterBounds, MeshesWithoutTrianglesHaveNone) {
+    Rng rng(6);
+    Scene scene = flat_lamps(1, rng);
+    scene.groups[0].meshes[0].triangle_count = 0;
+    scene.emitter_bounds.clear();
+    prepare_lights(scene);
+    EXPECT_TRUE(scene.emitter_bounds.empty());
+}
+
 TEST(EmitterBounds, LanesAreDecidedAsOneByOne) {
     Rng rng(5);
     const Scene scene = flat_lamps(20, rng);

@@ -95,15 +95,11 @@ inline Triangles make_ball(int levels, const Vec3f& center, float radius, float 
 
 /// Unrelated triangles in the cube from -1 to 1.
 inline Triangles make_soup(std::uint32_t count, float size, Rng& rng) {
-    const auto random_point = [&](float range) {
-        return Vec3f(rng.between(-range, range), rng.between(-range, range),
-                     rng.between(-range, range));
-    };
     Triangles t;
     for (std::uint32_t i = 0; i < count; ++i) {
-        const Vec3f at = random_point(1.0f);
+        const Vec3f at = random_point(rng, 1.0f);
         for (int corner = 0; corner < 3; ++corner) {
-            t.positions.push_back(at + random_point(size));
+            t.positions.push_back(at + random_point(rng, size));
         }
         t.faces.push_back({3 * i, 3 * i + 1, 3 * i + 2});
     }

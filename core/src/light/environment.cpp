@@ -113,6 +113,7 @@ void luminances_along(const Texture& map, int width, float v, std::vector<float>
 /// direction has a density of 0, times the sine of its angle to the axis.
 std::vector<float> weights_of_texels(const Texture& map, int width, int height) {
     std::vector<float> weights;
+    weights.reserve(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
     const std::size_t halves = 2 * static_cast<std::size_t>(width) + 1;
     std::vector<float> above(halves), middle(halves), below(halves);
     const auto fill = [&](std::vector<float>& line, float y) {

@@ -43,6 +43,10 @@ struct Sample {
     }
 };
 
+Bounds bounds_of(const SphereLight& l) {
+    return {l.center - Vec3f(l.radius), l.center + Vec3f(l.radius)};
+}
+
 /// Bounds and power of the lights in the scene; power 0 for those beyond it.
 struct BoundsOf {
     const Scene& scene;
@@ -81,10 +85,8 @@ struct BoundsOf {
     }
     LightBounds operator()(const SphereLight& l) const {
         const float area = 4.0f * pi * sqr(l.radius);
-        LightBounds b{{}, surface_power(l.emission, area), {0, 0, 1}, -1.0f, 0.0f, false};
-        b.bounds.add(l.center - Vec3f(l.radius));
-        b.bounds.add(l.center + Vec3f(l.radius));
-        return b;
+        return {bounds_of(l), surface_power(l.emission, area), {0, 0, 1}, -1.0f, 0.0f,
+                false};
     }
     LightBounds operator()(const DirectionalLight&) const { return {}; }
     LightBounds operator()(const EnvironmentLight&) const { return {}; }
@@ -201,15 +203,21 @@ void add_triangle_lights(Scene& scene, const Mesh& mesh,
     }
 }
 
-/// What rays that meet the lights from `first` on go through.
-Bounds bounds_from(const Scene& scene, std::size_t first) {
-    Bounds all;
-    for (std::size_t i = first; i < scene.lights.size(); ++i) {
-        all.add(std::visit(BoundsOf{scene}, scene.lights[i]).bounds);
+Bounds bounds_of(const Mesh& mesh, const Transform& world_from_group) {
+    Bounds bounds;
+    for (std::size_t i = 0; i < 3 * std::size_t{mesh.triangle_count}; ++i) {
+        bounds.add(world_from_group.point(mesh.position(mesh.indices[i])));
     }
-    // Lights are rounded otherwise than the shapes that rays meet.
-    const Vec3f margin(1e-6f * max(max_abs(all.low), max_abs(all.high)));
-    return {all.low - margin, all.high + margin};
+    return bounds;
+}
+
+void add_emitter_bounds(Scene& scene, const Bounds& bounds) {
+    if (bounds.empty()) {
+        return;  // a mesh without triangles
+    }
+    // Rays meet an instance in its own space, where they are rounded otherwise.
+    const Vec3f margin(1e-6f * max(max_abs(bounds.low), max_abs(bounds.high)));
+    scene.emitter_bounds.push_back({bounds.low - margin, bounds.high + margin});
 }
 
 /// Adds the lights of a group placed once; returns where each geometry begins in
@@ -221,9 +229,8 @@ std::vector<std::uint32_t> add_surface_lights(Scene& scene, const Group& group,
         const auto first = static_cast<std::uint32_t>(scene.surface_lights.size());
         offsets.push_back(mesh.emission == no_index ? no_index : first);
         if (mesh.emission != no_index) {
-            const std::size_t lights = scene.lights.size();
             add_triangle_lights(scene, mesh, world_from_group);
-            scene.emitter_bounds.push_back(bounds_from(scene, lights));
+            add_emitter_bounds(scene, bounds_of(mesh, world_from_group));
         }
     }
     for (const Sphere& sphere : group.spheres) {
@@ -235,10 +242,11 @@ std::vector<std::uint32_t> add_surface_lights(Scene& scene, const Group& group,
             scene.surface_lights.push_back(
                 static_cast<std::uint32_t>(scene.lights.size()));
             const float scale = std::cbrt(std::fabs(world_from_group.determinant()));
-            scene.lights.emplace_back(
-                SphereLight{world_from_group.point(sphere.center), sphere.radius * scale,
-                            sphere.flip_normals ? 1u : 0u, sphere.emission});
-            scene.emitter_bounds.push_back(bounds_from(scene, scene.lights.size() - 1));
+            const SphereLight light{world_from_group.point(sphere.center),
+                                    sphere.radius * scale, sphere.flip_normals ? 1u : 0u,
+                                    sphere.emission};
+            scene.lights.emplace_back(light);
+            add_emitter_bounds(scene, bounds_of(light));
         }
     }
     return offsets;
