@@ -129,7 +129,7 @@ TEST(Photons, LightThatIsNotFocusedLeavesNone) {
 std::vector<Emitted> emit_many(const PhotonSource& source, std::uint32_t count) {
     std::vector<Emitted> rays;
     for (std::uint32_t i = 0; i < count; ++i) {
-        rays.push_back(source.emit({23, i}));
+        rays.push_back(source.emit((i + 0.5) / count, {23, i}));
     }
     return rays;
 }
@@ -232,39 +232,65 @@ TEST(Photons, AFlatSkyAndLightsWithoutSizeHaveNoPower) {
     test::finish(scene);
     const auto rays = emit_many(PhotonSource(scene), 1000);
     EXPECT_EQ(power_of(rays).mean(), 0.0);
-    EXPECT_TRUE(equal_in_power(rays).empty());
+    EXPECT_TRUE(equal_in_power(rays, 1000).empty());
+}
+
+TEST(Photons, AreSentInTheOrderOfTheirPlaces) {
+    Scene scene = floor_scene();
+    scene.groups[0].meshes.push_back(slab(2, 3));
+    scene.groups[0].spheres.push_back(ball({60, 0, 2}, 1));
+    add_lamp(scene, {0, 0, 90});
+    test::finish(scene);
+    const PhotonSource source(scene);
+    const double of_ball = 4 * pi_d, of_slab = 2 * 80.0 * 80.0;
+    EXPECT_NEAR(source.area(), of_slab + of_ball, 1e-2);
+    const double last = of_slab / (of_slab + of_ball);
+    for (const double place : {0.0, 0.3, 0.7, 0.99 * last, last + 1e-4, 0.99999}) {
+        const Emitted e = source.emit(place, {23, 5});
+        ASSERT_GT(e.power, 0.0f);
+        // Where the ray crosses the slab's two faces, or the ball.
+        const float z = place < 0.5 * last ? 2.0f : 3.0f;
+        const Vec3f p =
+            e.ray.origin + e.ray.direction * ((z - e.ray.origin.z) / e.ray.direction.z);
+        EXPECT_EQ(std::fabs(p.x) < 40, place < last) << place;
+    }
 }
 
 TEST(EqualInPower, TakesRaysAsOftenAsTheirPowerSays) {
     Rng rng(221);
     std::vector<Emitted> rays(5000);
     double total = 0;
+    std::size_t lit = 0;
     for (Emitted& ray : rays) {
         ray.power = rng.below(3) == 0 ? 0.0f : std::pow(rng.unit(), 8.0f);
         total += ray.power;
+        lit += ray.power > 0.0f;
     }
-    const std::vector<std::uint32_t> chosen = equal_in_power(rays);
-    ASSERT_EQ(chosen.size(), rays.size());
-    std::vector<int> times(rays.size());
-    for (const std::uint32_t i : chosen) {
-        ++times.at(i);
+    for (const std::size_t most : {rays.size(), lit / 3}) {
+        const std::vector<std::uint32_t> chosen = equal_in_power(rays, most);
+        ASSERT_EQ(chosen.size(), std::min(lit, most));
+        std::vector<int> times(rays.size());
+        for (const std::uint32_t i : chosen) {
+            ++times.at(i);
+        }
+        int greatest = 0;
+        for (std::size_t i = 0; i < rays.size(); ++i) {
+            const double expected = rays[i].power / total * double(chosen.size());
+            ASSERT_LT(std::fabs(times[i] - expected), 1 + 1e-6) << i;
+            ASSERT_TRUE(rays[i].power > 0.0f || times[i] == 0) << i;
+            greatest = std::max(greatest, times[i]);
+        }
+        EXPECT_GT(greatest, 2);
     }
-    int most = 0;
-    for (std::size_t i = 0; i < rays.size(); ++i) {
-        const double expected = rays[i].power / total * double(rays.size());
-        ASSERT_LT(std::fabs(times[i] - expected), 1 + 1e-6) << i;
-        ASSERT_TRUE(rays[i].power > 0.0f || times[i] == 0) << i;
-        most = std::max(most, times[i]);
-    }
-    EXPECT_GT(most, 3);
 }
 
-TEST(EqualInPower, TakesTheOnlyOneAlwaysAndNoneOfNone) {
+TEST(EqualInPower, TakesTheOnlyOneAndNoneOfNone) {
     std::vector<Emitted> rays(100);
-    EXPECT_TRUE(equal_in_power(rays).empty());
-    EXPECT_TRUE(equal_in_power({}).empty());
+    EXPECT_TRUE(equal_in_power(rays, 100).empty());
+    EXPECT_TRUE(equal_in_power({}, 100).empty());
     rays[37].power = 1e-30f;
-    EXPECT_EQ(equal_in_power(rays), std::vector<std::uint32_t>(100, 37));
+    EXPECT_EQ(equal_in_power(rays, 100), std::vector<std::uint32_t>{37});
+    EXPECT_TRUE(equal_in_power(rays, 0).empty());
 }
 
 }  // namespace

@@ -1,7 +1,6 @@
 #include "guide/caustic_guide.h"
 
 #include <algorithm>
-#include <tuple>
 
 namespace raykiln {
 
@@ -67,6 +66,9 @@ CausticGuide::CausticGuide(std::vector<Photon> photons, float irradiance,
     const Vec3f margin(0.01f * max_component(bounds_.extent()));
     bounds_.add(bounds_.low - margin);
     bounds_.add(bounds_.high + margin);
+    // Some more than there will be: moving them would take longer than building them.
+    lobes_.reserve(photons_.size() * 5 / 2);
+    nodes_.reserve(photons_.size() / 3);
     nodes_.emplace_back();
     divide(0, 0, photons_.size(), bounds_);
     photons_ = {};
@@ -96,15 +98,12 @@ void CausticGuide::divide(std::uint32_t node, std::size_t begin, std::size_t end
     const auto at = [&](std::size_t i) {
         return photons_.begin() + static_cast<std::ptrdiff_t>(i);
     };
-    // A strict order of all that differ, so that the halves are the same on any machine.
-    std::nth_element(
-        at(begin), at(middle), at(end), [&](const Photon& a, const Photon& b) {
-            const auto key = [&](const Photon& p) {
-                return std::tuple(component(p.p, axis), p.p.x, p.p.y, p.p.z,
-                                  p.direction.x, p.direction.y, p.direction.z);
-            };
-            return key(a) < key(b);
-        });
+    // Photons come in one order, whatever the threads: so equal ones fall alike, too.
+    constexpr float Vec3f::* along[] = {&Vec3f::x, &Vec3f::y, &Vec3f::z};
+    std::nth_element(at(begin), at(middle), at(end),
+                     [by = along[axis]](const Photon& a, const Photon& b) {
+                         return a.p.*by < b.p.*by;
+                     });
     if (count <= photons_around && around_.empty()) {
         add_lobes(begin, end, (count + lobes_around - 1) / lobes_around, around_);
     }

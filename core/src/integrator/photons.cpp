@@ -1,5 +1,7 @@
 #include "integrator/photons.h"
 
+#include <algorithm>
+
 #include "integrator/guided.h"
 #include "light/light.h"
 
@@ -63,12 +65,12 @@ PhotonSource::PhotonSource(const Scene& scene) : scene_(scene) {
     if (targets_.empty()) {
         return;
     }
-    std::vector<float> areas;
+    double area = 0;
     for (const Target& target : targets_) {
-        areas.push_back(target.area);
-        area_ += target.area;
+        area += target.area;
+        area_up_to_.push_back(area);
     }
-    choice_ = AliasTable(areas);
+    area_ = static_cast<float>(area);
     far_distance_ = 2.0f * length(scene.bounds.extent());
 }
 
@@ -84,7 +86,9 @@ void PhotonSource::add_targets(const Group& group, const Transform& world_from_g
         for (std::uint32_t t = 0; t < mesh.triangle_count; ++t) {
             target.area += 0.5f * length(target.triangle(t).normal);
         }
-        targets_.push_back(target);
+        if (target.area > 0.0f) {
+            targets_.push_back(target);
+        }
     }
     for (const Sphere& sphere : group.spheres) {
         if (focusing(sphere)) {
@@ -103,17 +107,19 @@ PhotonSource::Triangle PhotonSource::Target::triangle(std::uint32_t number) cons
     return {p, edge1, edge2, cross(edge1, edge2)};
 }
 
-Emitted PhotonSource::emit(const SampleKey<float>& key) const {
+Emitted PhotonSource::emit(double place, const SampleKey<float>& key) const {
     const Sample4<float> u = independent_sample(key, 0);
-    float rest;
-    const std::uint32_t number = choice_.sample(u[0], rest);
-    const Target& target = targets_[number];
+    const double area_before = place * area_up_to_.back();
+    const auto next =
+        std::upper_bound(area_up_to_.begin(), area_up_to_.end() - 1, area_before);
+    const Target& target = targets_[static_cast<std::size_t>(next - area_up_to_.begin())];
     Vec3f p, normal;
-    float area = target.area;
+    float area = area_;
     if (target.mesh != nullptr) {
         const std::uint32_t count = target.mesh->triangle_count;
-        const auto t = std::min(
-            static_cast<std::uint32_t>(u[1] * static_cast<float>(count)), count - 1);
+        const double share = (area_before - (*next - target.area)) / target.area;
+        const auto t = static_cast<std::uint32_t>(
+            std::clamp(share * count, 0.0, static_cast<double>(count - 1)));
         const Triangle triangle = target.triangle(t);
         const Vec2f at = sample_triangle(u[2], u[3]);
         p = triangle.p + triangle.edge1 * at.x + triangle.edge2 * at.y;
@@ -122,7 +128,7 @@ Emitted PhotonSource::emit(const SampleKey<float>& key) const {
             return {};
         }
         normal = triangle.normal / twice_area;
-        area = 0.5f * twice_area * static_cast<float>(count);
+        area *= 0.5f * twice_area * static_cast<float>(count) / target.area;
     } else {
         normal = sample_sphere(u[2], u[3]);
         p = target.world_from_group.point(target.sphere->center +
@@ -140,34 +146,35 @@ Emitted PhotonSource::emit(const SampleKey<float>& key) const {
         return {};
     }
     const float density = choice.pmf * sample.pdf_solid_angle;
-    const float power =
-        luminance(sample.radiance) * bright_share(light, sample.radiance) *
-        std::fabs(dot(normal, sample.direction)) * area / (choice_.pmf(number) * density);
+    const float power = luminance(sample.radiance) *
+                        bright_share(light, sample.radiance) *
+                        std::fabs(dot(normal, sample.direction)) * area / density;
     const Vec3f from =
         sample.infinite ? p + sample.direction * far_distance_ : sample.point;
     return {{from, -sample.direction}, std::isfinite(power) ? power : 0.0f, density};
 }
 
-std::vector<std::uint32_t> equal_in_power(const std::vector<Emitted>& rays) {
+std::vector<std::uint32_t> equal_in_power(const std::vector<Emitted>& rays,
+                                          std::size_t most) {
     double total = 0;
+    std::size_t count = 0;
     for (const Emitted& ray : rays) {
         total += ray.power;
+        count += ray.power > 0.0f ? 1 : 0;
     }
+    count = std::min(count, most);
     std::vector<std::uint32_t> chosen;
-    if (!(total > 0)) {
-        return chosen;
-    }
     // Systematic resampling: a comb of even teeth over the running sum.
-    const double step = total / static_cast<double>(rays.size());
+    const double step = total / static_cast<double>(count);
     double sum = 0;
     for (std::uint32_t i = 0; i < rays.size(); ++i) {
         sum += rays[i].power;
-        while (chosen.size() < rays.size() &&
+        while (chosen.size() < count &&
                (static_cast<double>(chosen.size()) + 0.5) * step <= sum) {
             chosen.push_back(i);
         }
     }
-    while (chosen.size() < rays.size()) {  // rounding
+    while (chosen.size() < count) {  // rounding
         chosen.push_back(chosen.back());
     }
     return chosen;

@@ -21,8 +21,10 @@ class PhotonSource {
     bool empty() const { return targets_.empty(); }
     /// Square metres of smooth surfaces.
     float area() const { return area_; }
-    /// Number `index` of the rays, from a light to a point of a smooth surface.
-    Emitted emit(const SampleKey<float>& key) const;
+    /// A ray from a light to a point of a smooth surface. `place` in [0, 1): how much of
+    /// their area comes before that point, so that places in order find triangles in
+    /// order.
+    Emitted emit(double place, const SampleKey<float>& key) const;
 
   private:
     struct Triangle {
@@ -42,14 +44,15 @@ class PhotonSource {
 
     const Scene& scene_;
     std::vector<Target> targets_;
-    AliasTable choice_;
+    std::vector<double> area_up_to_;  // and with each target
     float area_ = 0.0f;
     float far_distance_ = 0.0f;
 };
 
-/// As many of the rays again, by their numbers, that stand for one power each: those of
-/// great power often. None if there is no power at all.
-std::vector<std::uint32_t> equal_in_power(const std::vector<Emitted>& rays);
+/// Rays, by their numbers in ascending order, that stand for one power each: those of
+/// great power are named several times. As many as have power, and at most `most`.
+std::vector<std::uint32_t> equal_in_power(const std::vector<Emitted>& rays,
+                                          std::size_t most);
 
 /// Follows a ray from a light over smooth surfaces, and appends a photon where it meets
 /// one that a guide may help.

@@ -10,18 +10,24 @@ namespace raykiln {
 
 namespace {
 
-/// A ray from a light for as many samples of the image, up to a limit; rays are followed
-/// in blocks.
+/// Rays from the lights, one for as many samples of the image, up to a limit; and the
+/// share of them that is followed, in blocks.
 constexpr std::uint64_t samples_a_ray = 32;
-constexpr std::uint64_t most_rays = 1 << 18;
-constexpr std::uint64_t rays_a_block = 2048;
+constexpr std::uint64_t most_rays = 1 << 19;
+constexpr std::size_t rays_a_followed = 2;
+constexpr std::size_t block_size = 2048;
 
-/// Calls `follow(block, ray)` for all rays, blocks at once.
-template <class Follow>
-void for_rays(std::size_t blocks, const Follow& follow) {
-    tbb::parallel_for(std::size_t{0}, blocks, [&](std::size_t block) {
-        for (std::size_t i = block * rays_a_block; i < (block + 1) * rays_a_block; ++i) {
-            follow(block, i);
+std::size_t blocks_of(std::size_t count) {
+    return (count + block_size - 1) / block_size;
+}
+
+/// Calls `take(block, i)` for all i below `count`, blocks of them at once.
+template <class Take>
+void for_blocks(std::size_t count, const Take& take) {
+    tbb::parallel_for(std::size_t{0}, blocks_of(count), [&](std::size_t block) {
+        const std::size_t begin = block * block_size;
+        for (std::size_t i = begin; i < std::min(begin + block_size, count); ++i) {
+            take(block, i);
         }
     });
 }
@@ -39,35 +45,37 @@ CausticGuide learn_caustics(const Scene& scene, const Accel& accel,
     if (source.empty()) {
         return {};
     }
-    const std::uint64_t wanted = std::min(samples / samples_a_ray, most_rays);
-    const std::size_t blocks = std::max<std::size_t>(wanted / rays_a_block, 1);
     const auto key = [&](std::uint32_t use, std::size_t i) {
         return SampleKey<float>{hash_combine(hash_bits(seed + 0x3c6ef372u), use),
                                 static_cast<std::uint32_t>(i)};
     };
-    std::vector<Emitted> rays(blocks * rays_a_block);
-    for_rays(blocks,
-             [&](std::size_t, std::size_t i) { rays[i] = source.emit(key(0, i)); });
-    const std::vector<std::uint32_t> chosen = equal_in_power(rays);
-    if (chosen.empty()) {
-        return {};
-    }
+    const std::uint64_t wanted = std::min(samples / samples_a_ray, most_rays);
+    std::vector<Emitted> rays(std::max<std::uint64_t>(wanted, block_size));
+    for_blocks(rays.size(), [&](std::size_t, std::size_t i) {
+        const auto place =
+            (static_cast<double>(i) + 0.5) / static_cast<double>(rays.size());
+        rays[i] = source.emit(place, key(0, i));
+    });
+    const auto followed = equal_in_power(rays, rays.size() / rays_a_followed);
     // A list for each block: their order does not depend on the threads.
-    std::vector<std::vector<Photon>> found(blocks);
-    for_rays(blocks, [&](std::size_t block, std::size_t i) {
+    std::vector<std::vector<Photon>> found(blocks_of(followed.size()));
+    for_blocks(followed.size(), [&](std::size_t block, std::size_t i) {
         RayCounts counts;
         const Context c{scene, accel, estimator, key(1, i), counts};
-        trace_photon(c, rays[chosen[i]].ray, found[block]);
+        trace_photon(c, rays[followed[i]].ray, found[block]);
     });
     std::vector<Photon> photons;
     for (const auto& block : found) {
         photons.insert(photons.end(), block.begin(), block.end());
     }
+    if (photons.empty()) {
+        return {};
+    }
     double density = 0;
-    for (const std::uint32_t i : chosen) {
+    for (const std::uint32_t i : followed) {
         density += rays[i].density;
     }
-    const auto count = static_cast<float>(rays.size());
+    const auto count = static_cast<float>(followed.size());
     return {std::move(photons), count / source.area(),
             static_cast<float>(density) / count};
 }
