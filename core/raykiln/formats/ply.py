@@ -297,9 +297,11 @@ def _faces(face: Element | None, runs: list[Array], positions: Array) -> Array:
         corners = run[f"{index}"]
         if corners.shape[1] < 3:
             continue
+        corners = np.ascontiguousarray(corners)
         _check_indices(corners, len(positions))
         if corners.shape[1] == 3:
-            parts.append(np.ascontiguousarray(corners, np.uint32))
+            signed = corners.dtype == np.int32
+            parts.append(corners.view(np.uint32) if signed else corners.astype(np.uint32))
         else:
             flat = corners.reshape(-1).astype(np.int64)
             counts = np.full(len(corners), corners.shape[1])

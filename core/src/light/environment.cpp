@@ -101,12 +101,19 @@ void add_views(BlockDistribution& distribution, int width, int height) {
     distribution.add_view(masses);
 }
 
-/// The luminance along a line across the map, at every half of a texel's width.
-void luminances_along(const Texture& map, int width, float v, std::vector<float>& line) {
-    for (std::size_t i = 0; i < line.size(); ++i) {
-        const float x = 0.5f * static_cast<float>(i);
-        line[i] = luminance(lookup(map, {x / static_cast<float>(width), v}).rgb);
+/// The luminances of a row of texels, with one beyond either end.
+void luminances_of_row(const Texture& map, int width, float v, std::vector<float>& row) {
+    for (std::size_t i = 0; i < row.size(); ++i) {
+        const float x = static_cast<float>(i) - 0.5f;
+        row[i] = luminance(lookup(map, {x / static_cast<float>(width), v}).rgb);
     }
+}
+
+/// The greatest value over texel `x` of a line that goes straight from one texel's middle
+/// to the next one's.
+float peak_along(const float* line, std::size_t x) {
+    const float higher = max(line[x - 1], line[x + 1]);
+    return line[x] + 0.5f * max(higher - line[x], 0.0f);
 }
 
 /// For each texel the greatest luminance of the bilinear patches over it, so that no lit
@@ -114,24 +121,30 @@ void luminances_along(const Texture& map, int width, float v, std::vector<float>
 std::vector<float> weights_of_texels(const Texture& map, int width, int height) {
     std::vector<float> weights;
     weights.reserve(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
-    const std::size_t halves = 2 * static_cast<std::size_t>(width) + 1;
-    std::vector<float> above(halves), middle(halves), below(halves);
-    const auto fill = [&](std::vector<float>& line, float y) {
-        luminances_along(map, width, y / static_cast<float>(height), line);
+    const std::size_t beyond = static_cast<std::size_t>(width) + 1;
+    std::vector<float> above(beyond + 1), here(above), below(above), top(above),
+        bottom(above);
+    const auto fill = [&](std::vector<float>& row, float y) {
+        luminances_of_row(map, width, y / static_cast<float>(height), row);
     };
-    fill(below, 0.0f);
-    for (int row = 0; row < height; ++row) {
-        const auto y = static_cast<float>(row);
-        std::swap(above, below);
-        fill(middle, y + 0.5f);
+    fill(here, -0.5f);
+    fill(below, 0.5f);
+    for (int i = 0; i < height; ++i) {
+        const float y = static_cast<float>(i) + 0.5f;
+        std::swap(above, here);
+        std::swap(here, below);
         fill(below, y + 1.0f);
+        // Along the edges between rows of texels.
+        for (std::size_t x = 0; x <= beyond; ++x) {
+            top[x] = 0.5f * (above[x] + here[x]);
+            bottom[x] = 0.5f * (here[x] + below[x]);
+        }
         float sine, cosine;
-        sin_cos_turns((y + 0.5f) / static_cast<float>(height) * 0.5f, sine, cosine);
-        for (std::size_t x = 0; x + 2 < halves; x += 2) {
-            float peak = 0;
-            for (std::size_t i = x; i < x + 3; ++i) {
-                peak = max(peak, max(above[i], max(middle[i], below[i])));
-            }
+        sin_cos_turns(y / static_cast<float>(height) * 0.5f, sine, cosine);
+        for (std::size_t x = 1; x < beyond; ++x) {
+            const float peak =
+                max(peak_along(here.data(), x),
+                    max(peak_along(top.data(), x), peak_along(bottom.data(), x)));
             weights.push_back(std::isfinite(peak) ? peak * sine : 0.0f);
         }
     }
