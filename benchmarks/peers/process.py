@@ -51,6 +51,8 @@ class Children:
         home = self.work / "home"
         home.mkdir(exist_ok=True)
         variables = {**os.environ, "HOME": str(home)}
+        # What pip installs comes with its bytecode; an editable install makes its own.
+        variables.pop("PYTHONDONTWRITEBYTECODE", None)
         with (self.work / "child.log").open("wb") as log:
             start = time.perf_counter()
             child = subprocess.Popen(command, stdout=log, stderr=log, env=variables)
