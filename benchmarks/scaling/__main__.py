@@ -65,7 +65,7 @@ def measured(runs: int, factor: int) -> Json:
         "pixels": [row("pixels", n * n, runs, "cornell_box", n, 16 * factor, 0) for n in PIXELS],
         "spp": [row("spp", n, runs, "cornell_box", 128, n * factor, 0) for n in SPP],
         "triangles": [row("triangles", n, runs, n, 256, 8 * factor, 0) for n in TRIANGLES],
-        "lights": [light_row(n, 128, 8 * factor) for n in LIGHTS],
+        "lights": [light_row(n, 128, 64 * factor) for n in LIGHTS],
     }
 
 
