@@ -171,6 +171,7 @@ Image image_of(Imf::MultiPartInputFile& file, std::uint64_t file_bytes,
         image.metadata = metadata_of(header);
     }
     image.pixels = zeroed_pixels(image.size_bytes());
+    const ExrThreads threads(image.size_bytes());
     Imf::InputPart part(file, 0);
     part.setFrameBuffer(frame_of(image, box));
     part.readPixels(box.min.y, box.max.y);
@@ -179,8 +180,8 @@ Image image_of(Imf::MultiPartInputFile& file, std::uint64_t file_bytes,
 
 Image read(Imf::IStream& stream, std::uint64_t file_bytes, ChannelChoice choice) {
     try {
-        const ExrThreads threads(file_bytes);
-        Imf::MultiPartInputFile file(stream, threads.count());
+        // How many there are to be, before it is known whether they pay.
+        Imf::MultiPartInputFile file(stream, ExrThreads::most());
         return image_of(file, file_bytes, choice);
     } catch (const ImageError&) {
         throw;

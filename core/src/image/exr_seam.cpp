@@ -71,22 +71,22 @@ constexpr std::uint64_t worth_threads = 512 << 10;
 std::mutex users_mutex;
 int users = 0;
 
-int usual_threads() {
+}  // namespace
+
+int ExrThreads::most() {
     return static_cast<int>(std::clamp(std::thread::hardware_concurrency(), 1u, 8u));
 }
 
-}  // namespace
-
 ExrThreads::ExrThreads(std::uint64_t bytes) {
-    if (bytes < worth_threads || usual_threads() < 2) {
+    if (bytes < worth_threads || most() < 2) {
         return;
     }
     const std::lock_guard lock(users_mutex);
     if (users == 0) {
-        Imf::setGlobalThreadCount(usual_threads());
+        Imf::setGlobalThreadCount(most());
     }
     ++users;
-    count_ = usual_threads();
+    count_ = most();
 }
 
 ExrThreads::~ExrThreads() {
