@@ -145,7 +145,7 @@ std::vector<float> weights_of_texels(const Texture& map, int width, int height) 
             const float peak =
                 max(peak_along(here.data(), x),
                     max(peak_along(top.data(), x), peak_along(bottom.data(), x)));
-            weights.push_back(std::isfinite(peak) ? peak * sine : 0.0f);
+            weights.push_back(std::isfinite(peak) ? max(peak, 0.0f) * sine : 0.0f);
         }
     }
     return weights;
