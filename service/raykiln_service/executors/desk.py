@@ -18,6 +18,7 @@ from pathlib import Path
 
 from raykiln_service.files import remove_tree, sync_dir, sync_file
 
+_LINK_TRIES = 20
 _OUTPUT = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,150}")
 
 
@@ -53,8 +54,7 @@ class Desk:
         version = self._version()
         if version is None or version == self._carried:
             return False
-        sync_file(self.checkpoint)
-        _put(self.checkpoint, place, _link)
+        _put(self.checkpoint, place, _link, durably=True)
         sync_dir(place.parent)
         self._carried = version
         return True
@@ -94,10 +94,18 @@ def _is_file(path: Path) -> bool:
 
 
 def _link(source: Path, target: Path) -> None:
+    """A second name for a file, whose writer may be replacing it by a newer one."""
+    for _ in range(_LINK_TRIES):
+        # A file that loses its last name between the look-up and the link is not found.
+        with suppress(FileNotFoundError):
+            os.link(source, target, follow_symlinks=False)
+            return
     os.link(source, target, follow_symlinks=False)
 
 
-def _put(source: Path, place: Path, way: Callable[[Path, Path], object]) -> None:
+def _put(
+    source: Path, place: Path, way: Callable[[Path, Path], object], *, durably: bool = False
+) -> None:
     """Make `place` the file `source` at once: `way` if the file systems allow, else a copy."""
     temporary = place.with_name(f".{place.name}.{secrets.token_hex(6)}")
     try:
@@ -107,6 +115,8 @@ def _put(source: Path, place: Path, way: Callable[[Path, Path], object]) -> None
             if error.errno not in (errno.EXDEV, errno.EPERM, errno.EOPNOTSUPP, errno.EMLINK):
                 raise
             shutil.copyfile(source, temporary, follow_symlinks=False)
+        if durably:
+            sync_file(temporary)
         temporary.replace(place)
     except OSError:
         temporary.unlink(missing_ok=True)
