@@ -60,7 +60,9 @@ def lamps(count: int) -> rk.Scene:
     return scene
 
 
-def render(scene: rk.Scene, size: int, spp: int, **settings: Any) -> rk.RenderResult:
+def render(
+    scene: rk.Scene | rk.PreparedScene, size: int, spp: int, **settings: Any
+) -> rk.RenderResult:
     """A square image of depth 4, box filter."""
     chosen = {"max_depth": 4, "filter": "box", **settings}
     return rk.render(scene, rk.RenderSettings(width=size, height=size, spp=spp, **chosen))
@@ -82,7 +84,7 @@ def timed(kind: str, value: Any, size: int, spp: int, threads: int) -> Json:
 
 def lit(count: int, size: int, spp: int) -> Json:
     """Time and error with so many lamps, against two independent references of the same scene."""
-    scene = lamps(count)
+    scene = rk.prepare(lamps(count))
     same = [render(scene, size, spp, seed=1) for _ in range(3)]
     first, second = (render(scene, size, REFERENCE_FACTOR * spp, seed=s).image for s in (2, 3))
     rel_mse = error(same[0].image, first, second)

@@ -300,8 +300,8 @@ def _faces(face: Element | None, runs: list[Array], positions: Array) -> Array:
         corners = np.ascontiguousarray(corners)
         _check_indices(corners, len(positions))
         if corners.shape[1] == 3:
-            signed = corners.dtype == np.int32
-            parts.append(corners.view(np.uint32) if signed else corners.astype(np.uint32))
+            same_bits = corners.view(np.uint32) if corners.dtype == np.int32 else corners
+            parts.append(same_bits.astype(np.uint32, copy=False))
         else:
             flat = corners.reshape(-1).astype(np.int64)
             counts = np.full(len(corners), corners.shape[1])

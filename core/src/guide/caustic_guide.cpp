@@ -99,10 +99,9 @@ void CausticGuide::divide(std::uint32_t node, std::size_t begin, std::size_t end
         return photons_.begin() + static_cast<std::ptrdiff_t>(i);
     };
     // Photons come in one order, whatever the threads: so equal ones fall alike, too.
-    constexpr float Vec3f::* along[] = {&Vec3f::x, &Vec3f::y, &Vec3f::z};
     std::nth_element(at(begin), at(middle), at(end),
-                     [by = along[axis]](const Photon& a, const Photon& b) {
-                         return a.p.*by < b.p.*by;
+                     [axis](const Photon& a, const Photon& b) {
+                         return component(a.p, axis) < component(b.p, axis);
                      });
     if (count <= photons_around && around_.empty()) {
         add_lobes(begin, end, (count + lobes_around - 1) / lobes_around, around_);

@@ -180,7 +180,8 @@ Image image_of(Imf::MultiPartInputFile& file, std::uint64_t file_bytes,
 
 Image read(Imf::IStream& stream, std::uint64_t file_bytes, ChannelChoice choice) {
     try {
-        // How many there are to be, before it is known whether they pay.
+        // Buffers for as many threads as there may be: whether they pay, the header
+        // tells.
         Imf::MultiPartInputFile file(stream, ExrThreads::most());
         return image_of(file, file_bytes, choice);
     } catch (const ImageError&) {

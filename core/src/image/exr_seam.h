@@ -68,6 +68,7 @@ class ExrMemoryOutput final : public Imf::OStream {
 /// child that waits for them forever.
 class ExrThreads {
   public:
+    /// How many there are where they pay.
     static int most();
     /// `bytes`: of pixels to code.
     explicit ExrThreads(std::uint64_t bytes);

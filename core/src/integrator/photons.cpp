@@ -79,7 +79,7 @@ void PhotonSource::add_targets(const Group& group, const Transform& world_from_g
         return focuses(scene_.materials[shape.material]);
     };
     for (const Mesh& mesh : group.meshes) {
-        if (!focusing(mesh) || mesh.triangle_count == 0) {
+        if (!focusing(mesh)) {
             continue;
         }
         Target target{&mesh, nullptr, world_from_group, 0.0f};

@@ -122,23 +122,24 @@ std::vector<float> weights_of_texels(const Texture& map, int width, int height) 
     std::vector<float> weights;
     weights.reserve(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
     const std::size_t beyond = static_cast<std::size_t>(width) + 1;
-    std::vector<float> above(beyond + 1), here(above), below(above), top(above),
-        bottom(above);
+    // Rows of texels, and the edges between them above and below the one at hand.
+    std::vector<float> here(beyond + 1), below(here), top(here), bottom(here);
     const auto fill = [&](std::vector<float>& row, float y) {
         luminances_of_row(map, width, y / static_cast<float>(height), row);
     };
-    fill(here, -0.5f);
-    fill(below, 0.5f);
-    for (int i = 0; i < height; ++i) {
-        const float y = static_cast<float>(i) + 0.5f;
-        std::swap(above, here);
-        std::swap(here, below);
-        fill(below, y + 1.0f);
-        // Along the edges between rows of texels.
+    const auto fill_below = [&](float y) {
+        fill(below, y);
         for (std::size_t x = 0; x <= beyond; ++x) {
-            top[x] = 0.5f * (above[x] + here[x]);
             bottom[x] = 0.5f * (here[x] + below[x]);
         }
+    };
+    fill(here, -0.5f);
+    fill_below(0.5f);
+    for (int i = 0; i < height; ++i) {
+        const float y = static_cast<float>(i) + 0.5f;
+        std::swap(here, below);
+        std::swap(top, bottom);
+        fill_below(y + 1.0f);
         float sine, cosine;
         sin_cos_turns(y / static_cast<float>(height) * 0.5f, sine, cosine);
         for (std::size_t x = 1; x < beyond; ++x) {

@@ -95,12 +95,14 @@ def _is_file(path: Path) -> bool:
 
 def _link(source: Path, target: Path) -> None:
     """A second name for a file, whose writer may be replacing it by a newer one."""
-    for _ in range(_LINK_TRIES):
-        # A file that loses its last name between the look-up and the link is not found.
-        with suppress(FileNotFoundError):
+    for left in reversed(range(_LINK_TRIES)):
+        try:
             os.link(source, target, follow_symlinks=False)
             return
-    os.link(source, target, follow_symlinks=False)
+        except FileNotFoundError:
+            # Also of a file that loses its last name between the look-up and the link.
+            if left == 0:
+                raise
 
 
 def _put(
@@ -118,6 +120,6 @@ def _put(
         if durably:
             sync_file(temporary)
         temporary.replace(place)
-    except OSError:
+    finally:
+        # It is still there after a failure, and where `place` was the same file before.
         temporary.unlink(missing_ok=True)
-        raise

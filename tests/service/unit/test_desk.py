@@ -35,3 +35,12 @@ def test_checkpoints_are_carried_away_while_newer_ones_take_their_place(tmp_path
         stop.set()
         writer.join()
     assert sorted(path.name for path in tmp_path.iterdir()) == ["checkpoint", desk.path.name]
+
+
+def test_a_checkpoint_that_was_carried_already_leaves_nothing_behind(tmp_path: Path) -> None:
+    desk = Desk(tmp_path)
+    place = tmp_path / "checkpoint"
+    desk.checkpoint.write_text("first")
+    place.hardlink_to(desk.checkpoint)
+    assert desk.take_checkpoint(place)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["checkpoint", desk.path.name]
