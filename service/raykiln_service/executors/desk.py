@@ -18,7 +18,9 @@ from pathlib import Path
 
 from raykiln_service.files import remove_tree, sync_dir, sync_file
 
-_LINK_TRIES = 20
+# Where a link cannot be made, a copy can. A file that its writer replaces between the look-up of
+# its name and the link is "not found"; opened, it stays.
+_COPIED = (errno.EXDEV, errno.EPERM, errno.EOPNOTSUPP, errno.EMLINK, errno.ENOENT)
 _OUTPUT = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,150}")
 
 
@@ -94,15 +96,7 @@ def _is_file(path: Path) -> bool:
 
 
 def _link(source: Path, target: Path) -> None:
-    """A second name for a file, whose writer may be replacing it by a newer one."""
-    for left in reversed(range(_LINK_TRIES)):
-        try:
-            os.link(source, target, follow_symlinks=False)
-            return
-        except FileNotFoundError:
-            # Also of a file that loses its last name between the look-up and the link.
-            if left == 0:
-                raise
+    os.link(source, target, follow_symlinks=False)
 
 
 def _put(
@@ -114,7 +108,7 @@ def _put(
         try:
             way(source, temporary)
         except OSError as error:
-            if error.errno not in (errno.EXDEV, errno.EPERM, errno.EOPNOTSUPP, errno.EMLINK):
+            if error.errno not in _COPIED:
                 raise
             shutil.copyfile(source, temporary, follow_symlinks=False)
         if durably:
