@@ -12,7 +12,7 @@ from raykiln.compile import compile_scene
 
 from .proof_scenes import SCENES
 from .statistics import Estimate, excess
-from .support import options, render_runs
+from .support import ceiling_light, floor, looking, options, render_runs
 
 SMALL: dict[str, Any] = {"width": 32, "height": 32, "filter": "box", "rr_depth": -1}
 
@@ -60,6 +60,20 @@ def test_both_strategies_have_less_noise_than_one(name: str) -> None:
         for strategy in ("mis", "light", "bsdf")
     }
     assert noise["mis"] < 1.25 * min(noise["light"], noise["bsdf"])
+
+
+def test_lights_that_look_small_are_left_to_light_samples() -> None:
+    # Nothing but the lamp could be at the end of a second ray.
+    scene = looking(rk.Scene(), (0, 1, 3), (0, 0, 0))
+    scene.add_material("white", rk.Diffuse(reflectance=0.7))
+    scene.add_material("black", rk.Diffuse(reflectance=0.0))
+    scene.shapes += [floor("white", half=2.0), ceiling_light(50.0, 0.1, 3.0)]
+    settings = {**SMALL, "spp": 16, "max_depth": 2}
+    assert rk.render(scene, rk.RenderSettings(**settings)).stats.bounce_rays == 0
+    joined = render_runs(scene, 1, **settings).runs
+    assert (joined == render_runs(scene, 1, strategy="light", **settings).runs).all()
+    bsdf = render_runs(scene, 12, strategy="bsdf", **{**settings, "spp": 4096})
+    assert_equal_means(bsdf, render_runs(scene, 4, **settings), relative=0.01)
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -87,6 +87,7 @@ struct Origin {
     LightReceiver receiver;
     float pdf_bsdf =
         0.0f;  ///< density of the ray's direction; 0: only the BSDF could find it
+    bool lights_found = false;  ///< those of surfaces: by light samples alone
 };
 
 /// The receiver that lights are chosen for at a surface.
@@ -101,9 +102,9 @@ Vec3f met_radiance(const Context& c, const Surface& s, const Vec3f& direction,
                    const Origin& origin);
 
 /// Light from one sampled light, reflected into dir_out, weighted against the BSDF's own
-/// sampling.
+/// sampling; `lights_found` is set where that has nothing to add.
 Vec3f sample_direct_light(const Context& c, const Surface& s, const Bsdf& bsdf,
-                          const Vec3f& dir_out_local, int vertex);
+                          const Vec3f& dir_out_local, int vertex, bool& lights_found);
 
 FirstHit first_hit_of(const Surface& s, const Bsdf& bsdf);
 

@@ -60,7 +60,7 @@ Vec3f escaped_radiance(const Context& c, const Vec3f& direction, const Origin& o
 
 Vec3f met_radiance(const Context& c, const Surface& s, const Vec3f& direction,
                    const Origin& origin) {
-    if (s.emission == no_index) {
+    if (s.emission == no_index || origin.lights_found) {
         return Vec3f(0.0f);
     }
     const bool front = dot(s.normal, direction) < 0.0f;
@@ -76,7 +76,7 @@ Vec3f met_radiance(const Context& c, const Surface& s, const Vec3f& direction,
 }
 
 Vec3f sample_direct_light(const Context& c, const Surface& s, const Bsdf& bsdf,
-                          const Vec3f& dir_out_local, int vertex) {
+                          const Vec3f& dir_out_local, int vertex, bool& lights_found) {
     if (c.scene.lights.empty()) {
         return Vec3f(0.0f);
     }
@@ -84,6 +84,7 @@ Vec3f sample_direct_light(const Context& c, const Surface& s, const Bsdf& bsdf,
     const Sample4<float> u = c.draw(light_group(vertex));
     const LightReceiver receiver = receiver_of(s, bsdf);
     const LightTree::Choice choice = choose_light(c.scene, receiver, u[0]);
+    lights_found = choice.small && leaves_small_lights(c.settings.strategy, bsdf);
     if (choice.pmf <= 0.0f) {
         return Vec3f(0.0f);
     }
@@ -100,8 +101,8 @@ Vec3f sample_direct_light(const Context& c, const Surface& s, const Bsdf& bsdf,
         return Vec3f(0.0f);
     }
     const float pdf = light.pdf_solid_angle * choice.pmf;
-    const float weight =
-        weight_of_light(c.settings.strategy, light.delta, pdf, f.pdf_solid_angle);
+    const float weight = weight_of_light(c.settings.strategy, light.delta || lights_found,
+                                         pdf, f.pdf_solid_angle);
     return f.value * light.radiance * (weight / pdf);
 }
 

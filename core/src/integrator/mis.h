@@ -31,4 +31,19 @@ inline F weight_of_light(Strategy strategy, Mask<F> delta, F pdf_light, F pdf_bs
     return select(delta, F(1.0f), other);
 }
 
+/// Where light samples alone find the lights of a scene's surfaces, if these look small:
+/// on surfaces that have no direction of their own, whose density is at most 1 / pi.
+template <class B>
+inline bool leaves_small_lights(Strategy, const B&) {
+    return false;
+}
+template <class F>
+inline bool leaves_small_lights(Strategy strategy, const Diffuse<F>&) {
+    return strategy == Strategy::mis;
+}
+inline bool leaves_small_lights(Strategy strategy, const Bsdf& bsdf) {
+    return std::visit([&](const auto& b) { return leaves_small_lights(strategy, b); },
+                      bsdf);
+}
+
 }  // namespace raykiln

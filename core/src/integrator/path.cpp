@@ -34,11 +34,13 @@ Vec3f estimate_path(const Context& c, const Ray& camera_ray, FirstHit& first) {
         // Light that comes straight from a light, scattered here.
         const Vec3f dir_out = s.shading.to_local(-ray.direction);
         GuideAt<float> guide;
+        bool lights_found = false;
         if (!is_specular(bsdf)) {
             if (c.guide != nullptr && is_guided(bsdf)) {
                 guide = c.guide->find(s.p, true);
             }
-            radiance += throughput * sample_direct_light(c, s, bsdf, dir_out, depth);
+            radiance += throughput *
+                        sample_direct_light(c, s, bsdf, dir_out, depth, lights_found);
         }
 
         // Go on in a direction that the material chooses, or the guide.
@@ -53,10 +55,11 @@ Vec3f estimate_path(const Context& c, const Ray& camera_ray, FirstHit& first) {
             return radiance;
         }
         eta_scale *= next.eta;
-        origin = {receiver_of(s, bsdf), next.specular ? 0.0f : next.pdf_solid_angle};
+        origin = {receiver_of(s, bsdf), next.specular ? 0.0f : next.pdf_solid_angle,
+                  lights_found};
         ray = spawn_ray(s, normalize(s.shading.to_world(next.dir_in)));
         if (depth + 1 == c.settings.max_depth &&
-            !may_meet_light(c.scene, ray.origin, ray.direction)) {
+            (lights_found || !may_meet_light(c.scene, ray.origin, ray.direction))) {
             return radiance;
         }
 

@@ -15,7 +15,7 @@ namespace detail {
 /// points uniform over its area then serve as well as directions, for much less work.
 template <class F>
 inline Mask<F> looks_small(const TriangleLightOf<F>& light, const Vec3<F>& to_corner) {
-    return (length_squared(light.edge1) + length_squared(light.edge2)) * F(256.0f) <
+    return (length_squared(light.edge1) + length_squared(light.edge2)) * F(64.0f) <
            length_squared(to_corner);
 }
 

@@ -51,10 +51,15 @@ Bounds bounds_of(const SphereLight& l) {
 struct BoundsOf {
     const Scene& scene;
 
-    float surface_power(std::uint32_t emission, float area) const {
+    void set_power(LightBounds& b, std::uint32_t emission, float area) const {
         const Emission& e = scene.emissions[emission];
         const float sides = e.two_sided != 0 ? 2.0f : 1.0f;
-        return luminance(average(e.radiance, scene.textures)) * area * pi * sides;
+        const float radiance = luminance(average(e.radiance, scene.textures));
+        b.power = radiance * area * pi * sides;
+        // A texture may shine where the average did not look.
+        if (radiance > 0.0f || e.radiance.texture != no_texture) {
+            b.radiance = radiance;
+        }
     }
     LightBounds operator()(const PointLight& l) const {
         LightBounds b{{},   4.0f * pi * luminance(l.intensity), {0, 0, 1}, -1.0f, 0.0f,
@@ -70,8 +75,9 @@ struct BoundsOf {
         return b;
     }
     LightBounds operator()(const TriangleLight& l) const {
-        LightBounds b{{},   surface_power(l.emission, l.area),         l.normal, 1.0f,
-                      0.0f, scene.emissions[l.emission].two_sided != 0};
+        LightBounds b{{},   0.0f, l.normal,
+                      1.0f, 0.0f, scene.emissions[l.emission].two_sided != 0};
+        set_power(b, l.emission, l.area);
         b.bounds.add(l.p0);
         b.bounds.add(l.p0 + l.edge1);
         b.bounds.add(l.p0 + l.edge2);
@@ -85,8 +91,9 @@ struct BoundsOf {
     }
     LightBounds operator()(const SphereLight& l) const {
         const float area = 4.0f * pi * sqr(l.radius);
-        return {bounds_of(l), surface_power(l.emission, area), {0, 0, 1}, -1.0f, 0.0f,
-                false};
+        LightBounds b{bounds_of(l), 0.0f, {0, 0, 1}, -1.0f, 0.0f, false};
+        set_power(b, l.emission, area);
+        return b;
     }
     LightBounds operator()(const DirectionalLight&) const { return {}; }
     LightBounds operator()(const EnvironmentLight&) const { return {}; }

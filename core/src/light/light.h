@@ -17,6 +17,10 @@ inline LightChoiceOf<F> choose_light(const Scene& scene,
         choice = scene.near_lights.sample(receiver, rest);
         choice.pmf = choice.pmf * F(1.0f - share);
     }
+    if (share > 0.0f) {
+        // Not known where the tree was not asked.
+        choice.small = Mask<F>(false);
+    }
     if (any(far)) {
         F unused;
         const F among = min(u, F(share * one_minus_epsilon)) / F(share);

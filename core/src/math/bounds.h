@@ -22,4 +22,15 @@ struct Bounds {
     Vec3f extent() const { return high - low; }
 };
 
+/// From a point to the nearest of the bounds; 0 within them.
+template <class F>
+inline F distance_squared(const Bounds& b, const Vec3<F>& p) {
+    const auto along = [](float low, float high, F at) {
+        return max(max(F(low) - at, at - F(high)), F(0.0f));
+    };
+    return length_squared(Vec3<F>{along(b.low.x, b.high.x, p.x),
+                                  along(b.low.y, b.high.y, p.y),
+                                  along(b.low.z, b.high.z, p.z)});
+}
+
 }  // namespace raykiln

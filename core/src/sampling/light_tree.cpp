@@ -315,14 +315,29 @@ struct LightTree::Builder {
         return c;
     }
 
+    /// Beside a light, its estimate is a rough one. And a cluster whose lights stand
+    /// close together in a wider one counts for more than its part of that, within some
+    /// distance: where its own intensity over the distance squared is what the wider one
+    /// is taken for in its midst (`contribution`), or a quarter of it. `spread`: the
+    /// greatest radius over the root of the intensity of those around it.
+    void keep_clear_of(float amplitude, float radius, float spread, bool is_light) {
+        const float distance = spread * std::sqrt(0.5f * amplitude);
+        if (is_light || distance > radius) {
+            tree.clearance_ = max(tree.clearance_, max(distance, radius));
+        }
+    }
+
     /// Fills a node, `level` below the root, and all below it: `most` lights at most
-    /// under each child.
+    /// under each child; `spread` as above.
     void build(std::uint32_t index, int level, std::uint32_t path, const Range& range,
-               std::size_t most) {
+               std::size_t most, float spread) {
         const std::vector<Range> children = parts(range, most);
         for (std::uint32_t i = 0; i < children.size(); ++i) {
             const Range& child = children[i];
             Cluster c = cluster(child);
+            const float amplitude = as_float(c.amplitude_aside);
+            const float radius = as_float(c.radius_reach);
+            keep_clear_of(amplitude, radius, spread, child.size() == 1);
             const std::uint32_t path_here = path | i << (2 * level);
             if (child.size() == 1) {
                 const std::uint32_t light = order[child.begin];
@@ -334,7 +349,8 @@ struct LightTree::Builder {
             c.next = static_cast<std::uint32_t>(tree.nodes_.size());
             tree.nodes_[index].child[i] = c;
             tree.nodes_.emplace_back();
-            build(c.next, level + 1, path_here, child, most / fanout);
+            build(c.next, level + 1, path_here, child, most / fanout,
+                  max(spread, radius / std::sqrt(amplitude)));
         }
     }
 };
@@ -343,8 +359,15 @@ LightTree::LightTree(const std::vector<LightBounds>& lights) :
     path_of_light_(lights.size(), none),
     place_of_light_(lights.size(), 0) {
     Builder builder{*this, lights, {}};
+    float least_radiance = infinity;
+    for (const LightBounds& light : lights) {
+        least_radiance = min(least_radiance, light.radiance);
+    }
+    // A contribution is made of twice the cosines, and half the area times the radiance.
+    small_total_ = 2.0f * pi * small_share * least_radiance;
     for (std::uint32_t i = 0; i < lights.size(); ++i) {
         if (lights[i].power > 0.0f) {
+            bounds_.add(lights[i].bounds);
             builder.order.push_back(i);
         }
     }
@@ -357,7 +380,7 @@ LightTree::LightTree(const std::vector<LightBounds>& lights) :
     while (most * Builder::fanout < size_) {
         most *= Builder::fanout;
     }
-    builder.build(0, 0, 0, {0, size_}, most);
+    builder.build(0, 0, 0, {0, size_}, most, 0.0f);
     for (std::size_t i = 0; i < size_; ++i) {
         place_of_light_[builder.order[i]] =
             static_cast<std::uint32_t>(i * places / size_);

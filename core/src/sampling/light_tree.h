@@ -17,6 +17,7 @@ struct LightBounds {
     Vec3f axis{0, 0, 1};
     float cos_theta_o = 1.0f, cos_theta_e = 0.0f;
     bool two_sided = false;
+    float radiance = infinity;  ///< luminance of the surface; infinity: there is none
 };
 
 /// A point to be lit. With a normal, only light from its side counts; (0, 0, 0) = from
@@ -32,6 +33,8 @@ template <class F>
 struct LightChoiceOf {
     Uint<F> light;
     F pmf;  ///< 0: no light reaches the receiver
+    /// Whether all lights look small from there (`LightTree::small_share`).
+    Mask<F> small = Mask<F>(false);
 };
 
 /// A bounding volume hierarchy over lights for choosing one by its likely contribution,
@@ -49,6 +52,14 @@ class LightTree {
     bool empty() const { return nodes_.empty(); }
     /// Lights that may be chosen.
     std::size_t size() const { return size_; }
+
+    /// Lights look small where all of them, seen or not, fill less than this part of what
+    /// a diffuse surface sees, by its cosine: each is then sampled at 1 / small_share
+    /// times the surface's own density or more, and the power heuristic leaves samples of
+    /// the surface less than a weight of small_share², whatever they meet. Known by the
+    /// estimates at the root, and only at some distance from the lights: nearer, one of
+    /// them could count for more than that tells.
+    static constexpr float small_share = 0.1f;
 
     /// Neighbours in the tree have like places, which are less than this.
     static constexpr std::uint32_t places = 256;
@@ -106,6 +117,10 @@ class LightTree {
     std::vector<std::uint32_t, PageAllocator<std::uint32_t>> path_of_light_,
         place_of_light_;
     std::size_t size_ = 0;
+    // While its lights are small, the estimates at the root are in all less than this for
+    // a receiver farther than `clearance_` from the bounds of the lights.
+    float small_total_ = 0.0f, clearance_ = 0.0f;
+    Bounds bounds_;
 };
 
 namespace detail {
@@ -222,9 +237,9 @@ inline LightChoiceOf<F> LightTree::sample(const LightReceiverOf<F>& receiver, F 
     const F any_side = detail::any_side_of(receiver);
     U node(0u), light(0u);
     F pmf(1.0f);
-    Mask<F> inner(true);
+    Mask<F> inner(true), small(false);
     Weighed<F> w;
-    while (any(inner)) {
+    for (bool at_root = true; any(inner); at_root = false) {
         weigh(node, receiver, any_side, w);
         // Running sums; u < 1, so that `at` stays below the last.
         F below(0.0f), chosen = w.weight[0], sum = w.weight[0];
@@ -232,6 +247,10 @@ inline LightChoiceOf<F> LightTree::sample(const LightReceiverOf<F>& receiver, F 
         const F sum1 = sum + w.weight[1], sum2 = sum1 + w.weight[2];
         const F total = sum2 + w.weight[3];
         const F at = u * total;
+        if (at_root) {
+            small = (total < F(small_total_)) &
+                    (distance_squared(bounds_, receiver.p) > F(sqr(clearance_)));
+        }
         const auto step = [&](F begin, int i) {
             const auto past = at >= begin;
             below = select(past, begin, below);
@@ -251,7 +270,7 @@ inline LightChoiceOf<F> LightTree::sample(const LightReceiverOf<F>& receiver, F 
         inner = inner & reached & !found;
         node = select(inner, next, U(0u));
     }
-    return {light, pmf};
+    return {light, pmf, small};
 }
 
 template <class F>

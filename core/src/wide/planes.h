@@ -94,7 +94,8 @@ struct Paths {
     Plane3 throughput, radiance;
     Plane eta_scale;  // of the radiance, by the refractions so far
     // The vertex that the ray was sent from, and the density of its direction: 0 if no
-    // light sample could have found what it meets.
+    // light sample could have found what it meets, negated if light samples alone find
+    // the lights of surfaces.
     Plane3 from, from_normal;
     Plane pdf_bsdf;
     Indices pixel_key, sample_index;

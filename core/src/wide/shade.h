@@ -37,14 +37,18 @@ inline Geometry<F> geometry_of(const MetShapes& met, const Paths& paths, U slots
 inline Vec3<F> met_radiance(const BatchScene& b, const Paths& paths, U slots, M emits,
                             const MetShapes& met, const SurfacePoint<F>& s,
                             const Vec3<F>& direction) {
-    const M front = dot(s.normal, direction) < F(0.0f);
+    const F pdf_bsdf = paths.pdf_bsdf[slots];
     const Vec3<F> zero(F(0.0f));
+    emits = emits & (pdf_bsdf >= F(0.0f));
+    if (!any(emits)) {
+        return zero;
+    }
+    const M front = dot(s.normal, direction) < F(0.0f);
     Vec3<F> radiance = emitted_radiance<F>(
         b.scene,
         select(emits, met.emission, U(met.emission.lane(std::countr_zero(bits(emits))))),
         s.uv, front);
     radiance = select(emits, radiance, zero);
-    const F pdf_bsdf = paths.pdf_bsdf[slots];
     const M rivals = emits & (pdf_bsdf > F(0.0f)) & (max_component(radiance) > F(0.0f));
     if (!any(rivals)) {
         return radiance;
@@ -62,7 +66,7 @@ inline Vec3<F> met_radiance(const BatchScene& b, const Paths& paths, U slots, M 
 inline Vec3<F> escaped_radiance(const BatchScene& b, const Paths& paths, U slots) {
     Vec3<F> sum(F(0.0f));
     const Vec3<F> direction = paths.direction[slots];
-    const F pdf_bsdf = paths.pdf_bsdf[slots];
+    const F pdf_bsdf = abs(paths.pdf_bsdf[slots]);
     const M rivals = pdf_bsdf > F(0.0f);
     for (std::uint32_t i = 0; i < b.scene.far_lights.size(); ++i) {
         const auto* light =
@@ -112,27 +116,30 @@ inline M may_scatter(const Diffuse<F>& bsdf) {
 }
 
 /// Chooses a light by what it may contribute, and leaves a shadow ray to it with the
-/// light that the surface scatters from there.
+/// light that the surface scatters from there. Returns where BSDF samples have nothing to
+/// add to the lights of surfaces.
 template <class B>
-inline void sample_direct_light(const Vertex& at, const SurfacePoint<F>& s, const B& bsdf,
-                                const Vec3<F>& dir_out, const Vec3<F>& throughput,
-                                const LightReceiverOf<F>& receiver) {
+inline M sample_direct_light(const Vertex& at, const SurfacePoint<F>& s, const B& bsdf,
+                             const Vec3<F>& dir_out, const Vec3<F>& throughput,
+                             const LightReceiverOf<F>& receiver) {
     // Only the sky takes a fourth number.
     const Sample4<F> u = at.b.scene.light_table.environments.empty()
                              ? at.draw<first_three>(light_group(at.depth))
                              : at.draw<all_four>(light_group(at.depth));
     const LightChoiceOf<F> choice = choose_light(at.b.scene, receiver, u[0]);
+    const M lights_found =
+        choice.small & M(leaves_small_lights(at.b.estimator.strategy, bsdf));
     M wanted = at.valid & (choice.pmf > F(0.0f));
     if (!any(wanted)) {
-        return;
+        return lights_found;
     }
     const LightSampleOf<F> light =
         sample_light(at.b.scene, choice.light, wanted, receiver, u[1], u[2], u[3]);
     wanted = wanted & (light.pdf_solid_angle > F(0.0f));
     const BsdfValue<F> f = evaluate(bsdf, dir_out, s.shading.to_local(light.direction));
     const F pdf = light.pdf_solid_angle * choice.pmf;
-    const F weight =
-        weight_of_light(at.b.estimator.strategy, light.delta, pdf, f.pdf_solid_angle);
+    const F weight = weight_of_light(at.b.estimator.strategy, light.delta | lights_found,
+                                     pdf, f.pdf_solid_angle);
     const Vec3<F> seen = f.value * light.radiance;
     wanted = wanted & (max_component(seen) > F(0.0f));
     const Vec3<F> origin = offset_origin(s.p, s.normal, light.direction, s.error);
@@ -153,6 +160,7 @@ inline void sample_direct_light(const Vertex& at, const SurfacePoint<F>& s, cons
                        rays.place.at + end);
     }
     rays.size += compress_store(wanted, at.slots, rays.slot.at + end);
+    return lights_found;
 }
 
 template <class B>
@@ -191,7 +199,8 @@ inline Sample4<F> draw_for(const Dielectric<F>& bsdf, const Vertex& at) {
 template <class B>
 inline void scatter_paths(const Vertex& at, const SurfacePoint<F>& s, const B& bsdf,
                           const Vec3<F>& dir_out, Vec3<F> throughput,
-                          const LightReceiverOf<F>& receiver, const GuideAt<F>& guide) {
+                          const LightReceiverOf<F>& receiver, M lights_found,
+                          const GuideAt<F>& guide) {
     const bool guided = any(guide.share > F(0.0f));
     const Sample4<F> u =
         guided ? at.draw<first_three>(bsdf_group(at.depth)) : draw_for(bsdf, at);
@@ -212,14 +221,17 @@ inline void scatter_paths(const Vertex& at, const SurfacePoint<F>& s, const B& b
     const Vec3<F> direction = normalize(s.shading.to_world(next.dir_in));
     const Vec3<F> origin = offset_origin(s.p, s.normal, direction, s.error);
     if (at.depth + 1 == e.max_depth) {
-        alive = alive & may_meet_light(at.b.scene, origin, direction);
+        alive = alive & !lights_found & may_meet_light(at.b.scene, origin, direction);
     }
     Paths& p = at.paths;
     p.throughput.put(alive, at.slots, throughput);
     p.eta_scale.put(alive, at.slots, eta_scale);
-    p.from.put(alive, at.slots, s.p);
-    p.from_normal.put(alive, at.slots, receiver.normal);
-    p.pdf_bsdf.put(alive, at.slots, select(next.specular, F(0.0f), next.pdf_solid_angle));
+    if (any(alive & !lights_found)) {
+        p.from.put(alive, at.slots, s.p);
+        p.from_normal.put(alive, at.slots, receiver.normal);
+    }
+    const F pdf = select(next.specular, F(0.0f), next.pdf_solid_angle);
+    p.pdf_bsdf.put(alive, at.slots, select(lights_found, F(0.0f) - pdf, pdf));
     p.origin.put(alive, at.slots, origin);
     p.direction.put(alive, at.slots, direction);
     scatter(at.valid, p.alive.at, at.slots, select(alive, U(1u), U(0u)));
@@ -263,13 +275,14 @@ inline void shade(const Vertex& at, const Material& material, const Kind& kind) 
     const LightReceiverOf<F> receiver{
         s.p, select(is_transmissive(bsdf), Vec3<F>(F(0.0f)), s.shading.n)};
     GuideAt<F> guide;
+    M lights_found(false);
     if (!is_specular(material) && !b.scene.lights.empty()) {
         if (b.guide != nullptr && is_guided(bsdf)) {
             guide = b.guide->find(s.p, at.valid);
         }
-        sample_direct_light(at, s, bsdf, dir_out, throughput, receiver);
+        lights_found = sample_direct_light(at, s, bsdf, dir_out, throughput, receiver);
     }
-    scatter_paths(at, s, bsdf, dir_out, throughput, receiver, guide);
+    scatter_paths(at, s, bsdf, dir_out, throughput, receiver, lights_found, guide);
 }
 
 }  // namespace RAYKILN_WIDE_NAMESPACE
