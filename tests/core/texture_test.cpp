@@ -169,6 +169,20 @@ TEST(ImageTexture, ChannelsFillTexels) {
                     11.0f);
 }
 
+TEST(Slots, AverageFindsOneTexelThatIsLit) {
+    constexpr int size = 200;
+    auto pixels = std::make_shared<std::vector<float>>(size * size);
+    (*pixels)[70 * size + 33] = 8.0f;
+    ImageTexture image;
+    image.pixels = pixels->data();
+    image.owner = pixels;
+    image.width = image.height = size;
+    image.channels = 1;
+    image.format = PixelFormat::f32;
+    const ColorSlot color{Vec3f(1.0f), 0, Channel::rgb};
+    EXPECT_FLOAT_EQ(average(color, {image}).x, 8.0f / (size * size));
+}
+
 TEST(Slots, MultiplyTheirTexture) {
     auto pixel = std::make_shared<std::vector<float>>(
         std::initializer_list<float>{0.1f, 0.2f, 0.3f, 0.4f});

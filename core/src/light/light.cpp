@@ -47,14 +47,24 @@ Bounds bounds_of(const SphereLight& l) {
     return {l.center - Vec3f(l.radius), l.center + Vec3f(l.radius)};
 }
 
+/// Luminance of each emission, averaged over its texture.
+std::vector<float> luminances(const Scene& scene) {
+    std::vector<float> all;
+    for (const Emission& e : scene.emissions) {
+        all.push_back(luminance(average(e.radiance, scene.textures)));
+    }
+    return all;
+}
+
 /// Bounds and power of the lights in the scene; power 0 for those beyond it.
 struct BoundsOf {
     const Scene& scene;
+    const std::vector<float>& of_emission;  ///< `luminances`
 
     void set_power(LightBounds& b, std::uint32_t emission, float area) const {
         const Emission& e = scene.emissions[emission];
         const float sides = e.two_sided != 0 ? 2.0f : 1.0f;
-        const float radiance = luminance(average(e.radiance, scene.textures));
+        const float radiance = of_emission[emission];
         b.power = radiance * area * pi * sides;
         // A texture may shine where the average did not look.
         if (radiance > 0.0f || e.radiance.texture != no_texture) {
@@ -330,10 +340,11 @@ void prepare_lights(Scene& scene) {
             scene, scene.groups[instance.group], instance.world_from_group));
     }
     join_many(scene.emitter_bounds);
+    const std::vector<float> of_emission = luminances(scene);
     std::vector<LightBounds> near_bounds;
     std::vector<float> far_powers;
     for (std::uint32_t i = 0; i < scene.lights.size(); ++i) {
-        near_bounds.push_back(std::visit(BoundsOf{scene}, scene.lights[i]));
+        near_bounds.push_back(std::visit(BoundsOf{scene, of_emission}, scene.lights[i]));
         if (is_infinite(scene.lights[i])) {
             scene.far_lights.push_back(i);
             far_powers.push_back(far_power(scene.lights[i]));

@@ -1,5 +1,6 @@
 #include "texture/texture.h"
 
+#include <algorithm>
 #include <array>
 #include <cmath>
 
@@ -115,16 +116,24 @@ Vec3f average(const ColorSlot& slot, const std::vector<Texture>& textures) {
     if (slot.texture == no_texture) {
         return slot.factor;
     }
-    constexpr int n = 16;
+    // Small images texel by texel, large ones finely enough to find what is lit of them.
+    int across = 16;
+    if (const auto* image = std::get_if<ImageTexture>(
+            &textures[static_cast<std::size_t>(slot.texture)])) {
+        across = std::clamp(std::max(image->width, image->height), 16, 256);
+    }
+    const auto n = static_cast<float>(across);
     Vec3f sum;
-    for (int y = 0; y < n; ++y) {
-        for (int x = 0; x < n; ++x) {
+    for (int y = 0; y < across; ++y) {
+        Vec3f row;
+        for (int x = 0; x < across; ++x) {
             const Vec2f uv{(static_cast<float>(x) + 0.5f) / n,
                            (static_cast<float>(y) + 0.5f) / n};
-            sum += evaluate(slot, textures, uv);
+            row += evaluate(slot, textures, uv);
         }
+        sum += row;
     }
-    return sum / static_cast<float>(n * n);
+    return sum / (n * n);
 }
 
 }  // namespace raykiln
