@@ -246,12 +246,13 @@ def _whole(results: Json) -> str:
 
 
 def _loading(results: Json) -> str:
-    table = Table("Renderer", "read and build, s", "import, s")
+    table = Table("Renderer", "read and build, s", "of which imports, s", "import before, s")
     for contender in CONTENDERS:
         runs = results["loading"].get(contender.key)
         if runs:
             imports = statistics.median(results["import_s"][contender.engine])
-            table.add(contender.title, f"{median(runs, 'read_s'):.2f}", f"{imports:.3f}")
+            late = f"{median(runs, 'read_imports_s'):.2f}" if "read_imports_s" in runs[0] else ""
+            table.add(contender.title, f"{median(runs, 'read_s'):.2f}", late, f"{imports:.3f}")
     return str(table)
 
 
