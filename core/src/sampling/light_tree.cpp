@@ -320,9 +320,9 @@ struct LightTree::Builder {
     /// distance: where its own intensity over the distance squared is what the wider one
     /// is taken for in its midst (`contribution`), or a quarter of it. `spread`: the
     /// greatest radius over the root of the intensity of those around it.
-    void keep_clear_of(float amplitude, float radius, float spread, bool is_light) {
+    void keep_clear_of(float amplitude, float radius, float spread, bool single) {
         const float distance = spread * std::sqrt(0.5f * amplitude);
-        if (is_light || distance > radius) {
+        if (single || distance > radius) {
             tree.clearance_ = max(tree.clearance_, max(distance, radius));
         }
     }

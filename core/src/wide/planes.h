@@ -95,7 +95,7 @@ struct Paths {
     Plane eta_scale;  // of the radiance, by the refractions so far
     // The vertex that the ray was sent from, and the density of its direction: 0 if no
     // light sample could have found what it meets, negated if light samples alone find
-    // the lights of surfaces.
+    // the lights (never under a sky).
     Plane3 from, from_normal;
     Plane pdf_bsdf;
     Indices pixel_key, sample_index;

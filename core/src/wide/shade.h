@@ -66,7 +66,7 @@ inline Vec3<F> met_radiance(const BatchScene& b, const Paths& paths, U slots, M 
 inline Vec3<F> escaped_radiance(const BatchScene& b, const Paths& paths, U slots) {
     Vec3<F> sum(F(0.0f));
     const Vec3<F> direction = paths.direction[slots];
-    const F pdf_bsdf = abs(paths.pdf_bsdf[slots]);
+    const F pdf_bsdf = paths.pdf_bsdf[slots];
     const M rivals = pdf_bsdf > F(0.0f);
     for (std::uint32_t i = 0; i < b.scene.far_lights.size(); ++i) {
         const auto* light =
