@@ -176,10 +176,10 @@ class Bench:
         return self.run(mitsuba, task="whole", spp=WHOLE_SPP, exr=exr)
 
     def loading(self, runs: int) -> Json:
-        """Reading the meshes and building what rays are traced with."""
+        """Reading the meshes and building what rays are traced with: short, so three times each."""
         taking_part = [c for c in EQUAL if self.plan.takes(c)]
         done: Json = {c.key: [] for c in taking_part}
-        for _ in range(runs):
+        for _ in range(3 * runs):
             for contender in taking_part:
                 # LuxCore loads only to render: of 16 x 16 pixels that is nothing.
                 done[contender.key].append(self.run(contender, task="load", size=16, spp=1))
