@@ -97,9 +97,9 @@ def small_lamps() -> rk.Scene:
     """Lamps that look small from the floor, and large from what stands below one of them."""
     scene = _room(rk.Diffuse(reflectance=(0.7, 0.5, 0.3)))
     for x in (-2.0, -1.0, 0.0, 1.0, 2.0):
-        lamp = ceiling_light((80.0, 70.0, 60.0), 0.08, 2.2)
-        lamp.transform = placed((x, 2.2, -0.3), (0.08, 0.08, 1), turn_x_deg=90)
-        scene.shapes.append(lamp)
+        place = placed((x, 2.2, -0.3), (0.08, 0.08, 1), turn_x_deg=90)
+        shine = rk.Emission(radiance=(80.0, 70.0, 60.0))
+        scene.shapes.append(rk.Rectangle(material="black", transform=place, emission=shine))
     scene.add_sphere((0, 1.0, -0.3), 0.8, rk.Diffuse(reflectance=(0.2, 0.4, 0.8)))
     scene.add_sphere((1.6, 0.5, 0.8), 0.5, rk.Plastic(diffuse_reflectance=0.5, alpha=0.3))
     return scene
