@@ -1,6 +1,7 @@
 #include <gtest/gtest.h>
 
-#include <string>
+#include <cmath>
+#include <vector>
 
 #include "light/light.h"
 #include "sampling/warp.h"
@@ -154,18 +155,20 @@ TEST(SmallLights, AreNotKnownWhereLightMayComeFromElsewhere) {
     }
     // A lamp whose texture is black where it was looked at may shine elsewhere: only a
     // surface's own samples find that.
-    Scene textured;
-    textured.textures.emplace_back(CheckerTexture{});
-    std::get<CheckerTexture>(textured.textures[0]).color0 = Vec3f(0.0f);
-    std::get<CheckerTexture>(textured.textures[0]).color1 = Vec3f(0.0f);
-    Emission emission{ColorSlot{{1, 1, 1}}, false};
-    emission.radiance.texture = 0;
-    textured.emissions.push_back(emission);
-    Sphere sphere;
-    sphere.center = {9, 9, 9};
-    sphere.emission = 0;
-    textured.groups[0].spheres.push_back(sphere);
-    EXPECT_FALSE(look_small(lit_by(lamp, textured), floor));
+    for (const float texel : {0.0f, std::nanf("")}) {
+        Scene textured;
+        CheckerTexture checker;
+        checker.color0 = checker.color1 = Vec3f(texel);
+        textured.textures.emplace_back(checker);
+        Emission emission{ColorSlot{{1, 1, 1}}, false};
+        emission.radiance.texture = 0;
+        textured.emissions.push_back(emission);
+        Mesh mesh =
+            test::make_mesh({{{9, 9, 9}, {9, 9, 8}, {9, 8, 9}}, {{0, 1, 2}}, {}, {}});
+        mesh.emission = 0;
+        textured.groups[0].meshes.push_back(mesh);
+        EXPECT_FALSE(look_small(lit_by(lamp, textured), floor)) << texel;
+    }
 }
 
 }  // namespace

@@ -66,9 +66,12 @@ struct BoundsOf {
         const float sides = e.two_sided != 0 ? 2.0f : 1.0f;
         const float radiance = of_emission[emission];
         b.power = radiance * area * pi * sides;
-        // A texture may shine where the average did not look.
-        if (radiance > 0.0f || e.radiance.texture != no_texture) {
+        // What has no power is not chosen, but a texture may shine where the average did
+        // not look, or have a number in it that is none.
+        if (radiance > 0.0f) {
             b.radiance = radiance;
+        } else if (e.radiance.texture != no_texture) {
+            b.radiance = 0.0f;
         }
     }
     LightBounds operator()(const PointLight& l) const {

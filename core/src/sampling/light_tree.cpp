@@ -360,12 +360,8 @@ LightTree::LightTree(const std::vector<LightBounds>& lights) :
     place_of_light_(lights.size(), 0) {
     Builder builder{*this, lights, {}};
     float least_radiance = infinity;
-    for (const LightBounds& light : lights) {
-        least_radiance = min(least_radiance, light.radiance);
-    }
-    // A contribution is made of twice the cosines, and half the area times the radiance.
-    small_total_ = 2.0f * pi * small_share * least_radiance;
     for (std::uint32_t i = 0; i < lights.size(); ++i) {
+        least_radiance = min(least_radiance, lights[i].radiance);
         if (lights[i].power > 0.0f) {
             bounds_.add(lights[i].bounds);
             builder.order.push_back(i);
@@ -374,6 +370,8 @@ LightTree::LightTree(const std::vector<LightBounds>& lights) :
     if (builder.order.empty()) {
         return;
     }
+    // A contribution is made of twice the cosines, and half the area times the radiance.
+    small_total_ = 2.0f * pi * small_share * least_radiance;
     nodes_.emplace_back();
     size_ = builder.order.size();
     std::size_t most = 1;
