@@ -7,11 +7,6 @@ namespace raykiln {
 
 namespace {
 
-const Texture& map_of(const EnvironmentLight& light,
-                      const std::vector<Texture>& textures) {
-    return textures[static_cast<std::size_t>(light.map)];
-}
-
 /// Directions over a block, its edges included, and what each is of its solid angle.
 struct Directions {
     static constexpr std::size_t side = 4, count = side * side;
@@ -101,52 +96,49 @@ void add_views(BlockDistribution& distribution, int width, int height) {
     distribution.add_view(masses);
 }
 
-/// The luminances of a row of texels, with one beyond either end.
-void luminances_of_row(const Texture& map, int width, float v, std::vector<float>& row) {
+/// The luminances of row y of texels, with one beyond either end.
+void luminances_of_row(const ImageTexture& map, int y, std::vector<float>& row) {
     for (std::size_t i = 0; i < row.size(); ++i) {
-        const float x = static_cast<float>(i) - 0.5f;
-        row[i] = luminance(lookup(map, {x / static_cast<float>(width), v}).rgb);
+        row[i] = luminance(texel(map, static_cast<int>(i) - 1, y).rgb);
     }
 }
 
-/// The greatest value over texel `x` of a line that goes straight from one texel's middle
-/// to the next one's.
-float peak_along(const float* line, std::size_t x) {
-    const float higher = max(line[x - 1], line[x + 1]);
-    return line[x] + 0.5f * max(higher - line[x], 0.0f);
+/// The greatest value over a texel of a line that goes straight from one texel's middle to
+/// the next one's.
+float peak_along(const float* at) {
+    const float higher = max(at[-1], at[1]);
+    return *at + 0.5f * max(higher - *at, 0.0f);
 }
 
 /// For each texel the greatest luminance of the bilinear patches over it, so that no lit
 /// direction has a density of 0, times the sine of its angle to the axis.
-std::vector<float> weights_of_texels(const Texture& map, int width, int height) {
-    std::vector<float> weights;
-    weights.reserve(static_cast<std::size_t>(width) * static_cast<std::size_t>(height));
-    const std::size_t beyond = static_cast<std::size_t>(width) + 1;
+std::vector<float> weights_of_texels(const ImageTexture& map) {
+    const auto width = static_cast<std::size_t>(map.width);
+    std::vector<float> weights(width * static_cast<std::size_t>(map.height));
     // Rows of texels, and the edges between them above and below the one at hand.
-    std::vector<float> here(beyond + 1), below(here), top(here), bottom(here);
-    const auto fill = [&](std::vector<float>& row, float y) {
-        luminances_of_row(map, width, y / static_cast<float>(height), row);
-    };
-    const auto fill_below = [&](float y) {
-        fill(below, y);
-        for (std::size_t x = 0; x <= beyond; ++x) {
+    std::vector<float> here(width + 2), below(here), top(here), bottom(here);
+    const auto fill_below = [&](int y) {
+        luminances_of_row(map, y, below);
+        for (std::size_t x = 0; x < below.size(); ++x) {
             bottom[x] = 0.5f * (here[x] + below[x]);
         }
     };
-    fill(here, -0.5f);
-    fill_below(0.5f);
-    for (int i = 0; i < height; ++i) {
-        const float y = static_cast<float>(i) + 0.5f;
+    luminances_of_row(map, -1, here);
+    fill_below(0);
+    for (int y = 0; y < map.height; ++y) {
         std::swap(here, below);
         std::swap(top, bottom);
-        fill_below(y + 1.0f);
+        fill_below(y + 1);
         float sine, cosine;
-        sin_cos_turns(y / static_cast<float>(height) * 0.5f, sine, cosine);
-        for (std::size_t x = 1; x < beyond; ++x) {
+        sin_cos_turns((static_cast<float>(y) + 0.5f) / static_cast<float>(map.height) *
+                          0.5f,
+                      sine, cosine);
+        float* row = &weights[static_cast<std::size_t>(y) * width];
+        for (std::size_t x = 0; x < width; ++x) {
             const float peak =
-                max(peak_along(here.data(), x),
-                    max(peak_along(top.data(), x), peak_along(bottom.data(), x)));
-            weights.push_back(std::isfinite(peak) ? max(peak, 0.0f) * sine : 0.0f);
+                max(peak_along(&here[x + 1]),
+                    max(peak_along(&top[x + 1]), peak_along(&bottom[x + 1])));
+            row[x] = std::isfinite(peak) ? max(peak, 0.0f) * sine : 0.0f;
         }
     }
     return weights;
@@ -159,9 +151,9 @@ void prepare_environment(EnvironmentLight& light, const std::vector<Texture>& te
         light.power = luminance(light.scale) * 4.0f * pi;
         return;
     }
-    const Texture& map = map_of(light, textures);
-    const auto& image = std::get<ImageTexture>(map);
-    const std::vector<float> weights = weights_of_texels(map, image.width, image.height);
+    const auto& map =
+        std::get<ImageTexture>(textures[static_cast<std::size_t>(light.map)]);
+    const std::vector<float> weights = weights_of_texels(map);
     double power = 0;
     for (const float weight : weights) {
         power += weight;
@@ -169,8 +161,8 @@ void prepare_environment(EnvironmentLight& light, const std::vector<Texture>& te
     const auto texels = static_cast<double>(weights.size());
     light.power =
         static_cast<float>(power * 2.0 * pi * pi / texels) * luminance(light.scale);
-    light.distribution = BlockDistribution(weights, image.width, image.height);
-    add_views(light.distribution, image.width, image.height);
+    light.distribution = BlockDistribution(weights, map.width, map.height);
+    add_views(light.distribution, map.width, map.height);
 }
 
 }  // namespace raykiln

@@ -42,9 +42,12 @@ float channel_value(const ImageTexture& t, std::size_t pixel, int channel) {
 }
 
 int wrapped(int i, int size, TextureWrap mode) {
+    if (i >= 0 && i < size) {
+        return i;
+    }
     switch (mode) {
         case TextureWrap::clamp:
-            return i < 0 ? 0 : (i >= size ? size - 1 : i);
+            return i < 0 ? 0 : size - 1;
         case TextureWrap::mirror: {
             const int period = 2 * size;
             const int j = ((i % period) + period) % period;
@@ -56,7 +59,9 @@ int wrapped(int i, int size, TextureWrap mode) {
     return ((i % size) + size) % size;
 }
 
-Texel fetch(const ImageTexture& t, int x, int y) {
+}  // namespace
+
+Texel texel(const ImageTexture& t, int x, int y) {
     const std::size_t pixel = static_cast<std::size_t>(wrapped(y, t.height, t.wrap_v)) *
                                   static_cast<std::size_t>(t.width) +
                               static_cast<std::size_t>(wrapped(x, t.width, t.wrap_u));
@@ -67,6 +72,8 @@ Texel fetch(const ImageTexture& t, int x, int y) {
     return {{first, channel_value(t, pixel, 1), channel_value(t, pixel, 2)},
             t.channels == 4 ? channel_value(t, pixel, 3) : 1.0f};
 }
+
+namespace {
 
 Texel mix(const Texel& a, const Texel& b, float t) {
     return {lerp(a.rgb, b.rgb, t), lerp(a.alpha, b.alpha, t)};
@@ -87,13 +94,13 @@ Texel lookup_image(const ImageTexture& t, Vec2f uv) {
     const float x = bounded(at.x) * static_cast<float>(t.width);
     const float y = bounded(at.y) * static_cast<float>(t.height);
     if (t.filter == TextureFilter::nearest) {
-        return fetch(t, static_cast<int>(floor(x)), static_cast<int>(floor(y)));
+        return texel(t, static_cast<int>(floor(x)), static_cast<int>(floor(y)));
     }
     const float left = floor(x - 0.5f), top = floor(y - 0.5f);
     const int ix = static_cast<int>(left), iy = static_cast<int>(top);
     const float fx = x - 0.5f - left, fy = y - 0.5f - top;
-    return mix(mix(fetch(t, ix, iy), fetch(t, ix + 1, iy), fx),
-               mix(fetch(t, ix, iy + 1), fetch(t, ix + 1, iy + 1), fx), fy);
+    return mix(mix(texel(t, ix, iy), texel(t, ix + 1, iy), fx),
+               mix(texel(t, ix, iy + 1), texel(t, ix + 1, iy + 1), fx), fy);
 }
 
 Texel lookup_checker(const CheckerTexture& t, Vec2f uv) {

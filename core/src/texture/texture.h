@@ -14,6 +14,8 @@ struct TexelOf {
 using Texel = TexelOf<float>;
 
 Texel lookup(const Texture& texture, Vec2f uv);
+/// One texel of an image, before its uv_transform and filter; x and y may lie beyond it.
+Texel texel(const ImageTexture& image, int x, int y);
 
 namespace detail {
 
