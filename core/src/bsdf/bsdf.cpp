@@ -1,4 +1,5 @@
 #include "bsdf/make_bsdf.h"
+#include "sampling/midpoint_means.h"
 
 namespace raykiln {
 
@@ -34,34 +35,28 @@ struct InterfaceShares {
     float reflected, transmitted;
 };
 
-/// By midpoint quadrature over the sampled normals.
-InterfaceShares interface_shares(float cosine, float eta,
-                                 const Microfacet<float>& facet) {
-    constexpr int n = 64;
-    const Vec3f dir_out{safe_sqrt(1.0f - cosine * cosine), 0.0f, cosine};
-    double reflected = 0, transmitted = 0;
-    for (int i = 0; i < n * n; ++i) {
-        const float u = (static_cast<float>(i / n) + 0.5f) / n;
-        const float v = (static_cast<float>(i % n) + 0.5f) / n;
-        const Vec3f m = sample_microfacet(facet, dir_out, u, v);
-        const float c = dot(dir_out, m);
-        const float pdf = pdf_microfacet(facet, dir_out, m);
-        if (c <= 0.0f || pdf <= 0.0f) {
-            continue;
-        }
-        const DielectricFresnel<float> f = fresnel_dielectric(c, eta);
-        const float weight = microfacet_d(facet, m) * c / (dir_out.z * pdf) / (n * n);
-        const Vec3f up = reflect(dir_out, m);
-        const Vec3f down = refract(dir_out, m, f.cos_transmitted, f.eta_ti);
-        if (up.z > 0.0f) {
-            reflected += weight * f.reflectance * microfacet_g(facet, dir_out, up, m);
-        }
-        if (down.z < 0.0f) {
-            transmitted +=
-                weight * (1.0f - f.reflectance) * microfacet_g(facet, dir_out, down, m);
-        }
-    }
-    return {static_cast<float>(reflected), static_cast<float>(transmitted)};
+InterfaceShares interface_shares(float cosine, float eta, float alpha, bool beckmann) {
+    const Microfacet<Wide> facet{Wide(alpha), Wide(alpha), beckmann};
+    const Vec3<Wide> dir_out{Wide(safe_sqrt(1.0f - cosine * cosine)), Wide(0.0f),
+                             Wide(cosine)};
+    const auto shares = [&](Wide u, Wide v) -> std::array<Wide, 2> {
+        const Vec3<Wide> m = sample_microfacet(facet, dir_out, u, v);
+        const Wide c = dot(dir_out, m);
+        const Wide pdf = pdf_microfacet(facet, dir_out, m);
+        const WideMask counts = (c > Wide(0.0f)) & (pdf > Wide(0.0f));
+        const DielectricFresnel<Wide> f = fresnel_dielectric(c, Wide(eta));
+        const Wide weight = microfacet_d(facet, m) * c / (dir_out.z * pdf);
+        const Vec3<Wide> up = reflect(dir_out, m);
+        const Vec3<Wide> down = refract(dir_out, m, f.cos_transmitted, f.eta_ti);
+        const Wide reflected =
+            weight * f.reflectance * microfacet_g(facet, dir_out, up, m);
+        const Wide transmitted = weight * (Wide(1.0f) - f.reflectance) *
+                                 microfacet_g(facet, dir_out, down, m);
+        return {select(counts & (up.z > Wide(0.0f)), reflected, Wide(0.0f)),
+                select(counts & (down.z < Wide(0.0f)), transmitted, Wide(0.0f))};
+    };
+    const auto means = midpoint_means<64>(shares);
+    return {static_cast<float>(means[0]), static_cast<float>(means[1])};
 }
 
 }  // namespace
@@ -73,16 +68,15 @@ InterfaceTable make_interface_table(float eta, float alpha, bool beckmann) {
         return table;  // the smooth coat's transmittance is evaluated directly
     }
     const float a = max(alpha, min_alpha);
-    const Microfacet<float> facet{a, a, beckmann};
     double internal = 0;
     for (int i = 0; i < InterfaceTable::size; ++i) {
         const float cosine =
             max(static_cast<float>(i) / (InterfaceTable::size - 1), 1e-4f);
         table.transmittance[i] =
-            clamp(interface_shares(cosine, eta, facet).transmitted, 0.0f, 1.0f);
+            clamp(interface_shares(cosine, eta, a, beckmann).transmitted, 0.0f, 1.0f);
         // A plain mean over the nodes, ends and all: about 0.01 below the integral, and
         // what Mitsuba 3 computes, whose rough plastics look the same for it.
-        internal += 2.0 * cosine * interface_shares(cosine, 1.0f / eta, facet).reflected /
+        internal += 2.0 * cosine * interface_shares(cosine, 1.0f / eta, a, beckmann).reflected /
                     InterfaceTable::size;
     }
     table.internal_reflectance = static_cast<float>(internal);

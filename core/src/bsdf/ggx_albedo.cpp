@@ -5,35 +5,32 @@
 
 #include "bsdf/microfacet.h"
 #include "bsdf/sample.h"
+#include "sampling/midpoint_means.h"
 
 namespace raykiln::detail {
 
 namespace {
 
 GgxAlbedo<float> integrate(float alpha, float cosine) {
-    constexpr int n = 32;
-    const Microfacet<float> facet{alpha, alpha, false};
-    const Vec3f dir_out{safe_sqrt(1.0f - cosine * cosine), 0.0f, cosine};
-    double at_f0 = 0, at_f90 = 0;
-    for (int i = 0; i < n * n; ++i) {
-        const float u = (static_cast<float>(i / n) + 0.5f) / n;
-        const float v = (static_cast<float>(i % n) + 0.5f) / n;
-        const Vec3f m = sample_microfacet(facet, dir_out, u, v);
-        const Vec3f dir_in = reflect(dir_out, m);
-        const float c = dot(dir_out, m);
-        if (dir_in.z <= 0.0f || c <= 0.0f) {
-            continue;
-        }
+    const Microfacet<Wide> facet{Wide(alpha), Wide(alpha), false};
+    const Vec3<Wide> dir_out{Wide(safe_sqrt(1.0f - cosine * cosine)), Wide(0.0f),
+                             Wide(cosine)};
+    const auto shares = [&](Wide u, Wide v) -> std::array<Wide, 2> {
+        const Vec3<Wide> m = sample_microfacet(facet, dir_out, u, v);
+        const Vec3<Wide> dir_in = reflect(dir_out, m);
+        const Wide c = dot(dir_out, m);
         // Value over density: the distribution of the normals cancels.
-        const float g1 = microfacet_g1(facet, dir_out, m);
-        const float weight = ggx_visibility_correlated(facet, dir_out, dir_in) * 4.0f *
-                             dir_out.z * dir_in.z / g1;
-        const float m2 = sqr(1.0f - c);
-        const float grazing = m2 * m2 * (1.0f - c);
-        at_f0 += weight * (1.0f - grazing) / (n * n);
-        at_f90 += weight * grazing / (n * n);
-    }
-    return {static_cast<float>(at_f0), static_cast<float>(at_f90)};
+        const Wide g1 = microfacet_g1(facet, dir_out, m);
+        const Wide value = ggx_visibility_correlated(facet, dir_out, dir_in) *
+                           Wide(4.0f) * dir_out.z * dir_in.z / g1;
+        const WideMask counts = (dir_in.z > Wide(0.0f)) & (c > Wide(0.0f));
+        const Wide weight = select(counts, value, Wide(0.0f));
+        const Wide m2 = sqr(Wide(1.0f) - c);
+        const Wide grazing = m2 * m2 * (Wide(1.0f) - c);
+        return {weight * (Wide(1.0f) - grazing), weight * grazing};
+    };
+    const auto means = midpoint_means<32>(shares);
+    return {static_cast<float>(means[0]), static_cast<float>(means[1])};
 }
 
 GgxTable make_table() {
