@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 from collections.abc import Sequence
+from gc import freeze
 from types import FrameType
 from typing import Annotated, NoReturn
 
@@ -147,7 +148,10 @@ def _interrupt(number: int, frame: FrameType | None) -> NoReturn:
 def main() -> NoReturn:
     """Entry point of the console script."""
     signal.signal(signal.SIGTERM, _interrupt)
-    sys.exit(run())
+    code = run()
+    # Leaving, the interpreter would look for cycles among all that there is.
+    freeze()
+    sys.exit(code)
 
 
 if __name__ == "__main__":
