@@ -162,6 +162,25 @@ def test_samplers(tmp_path: Path) -> None:
     assert (texture.wrap_u, texture.wrap_v, texture.filter) == ("clamp", "mirror", "nearest")
 
 
+def test_of_many_embedded_images_each_is_its_own_and_a_bad_one_is_named(tmp_path: Path) -> None:
+    gltf = textured({})
+    gltf.json["images"] = [{"bufferView": gltf.view(png(PIXELS + i))} for i in range(5)]
+    gltf.json["textures"] = [{"source": i} for i in range(5)]
+    gltf.json["materials"] = [
+        {"pbrMetallicRoughness": {"baseColorTexture": {"index": i}}} for i in range(5)
+    ]
+    for i in range(1, 5):
+        coordinates = {"TEXCOORD_0": gltf.accessor(UV)}
+        gltf.node(mesh=gltf.mesh(TRIANGLE, attributes=coordinates, material=i))
+    for i, texture in enumerate(read(tmp_path, gltf).textures.values()):
+        assert isinstance(texture, ImageTexture)
+        assert texture.pixels is not None
+        assert np.array_equal(texture.pixels, PIXELS + i)
+    gltf.json["images"][3] = {"bufferView": gltf.view(b"no image")}
+    with pytest.raises(SceneError, match="/images/3: the embedded image cannot be read"):
+        read(tmp_path, gltf)
+
+
 def test_texture_transforms_turn_the_image_clockwise(tmp_path: Path) -> None:
     """As Khronos' TextureTransformTest shows: its arrow points at its green mark."""
     turn = {"offset": [0.5, 0.25], "scale": [2, 3], "rotation": math.pi / 2}

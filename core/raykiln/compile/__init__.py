@@ -138,14 +138,15 @@ def _completed(scene: Scene) -> Scene:
 
 
 def _add_parts(build: Build) -> None:
-    textures = Textures(build)
-    materials = Materials(build, textures)
-    for name in build.scene.textures:
-        # Also those that nothing uses: a missing file is an error all the same.
-        textures.index(name, color=False, pointer=f"/textures/{name}")
-    Shapes(build, textures, materials).add_all()
-    for i, light in enumerate(build.scene.lights):
-        add_light(build, light, f"/lights/{i}")
+    with build.reading_images():
+        textures = Textures(build)
+        materials = Materials(build, textures)
+        for name in build.scene.textures:
+            # Also those that nothing uses: a missing file is an error all the same.
+            textures.index(name, color=False, pointer=f"/textures/{name}")
+        Shapes(build, textures, materials).add_all()
+        for i, light in enumerate(build.scene.lights):
+            add_light(build, light, f"/lights/{i}")
 
 
 def scene_sha256(scene: Scene, files: Iterable[Path] = ()) -> str:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from raykiln import _core
 from raykiln.errors import ImageError, SceneError
 from raykiln.image import read_image
+from raykiln.image.ahead import reading_ahead
 from raykiln.scene import EnvironmentLight, ImageTexture, Scene
 
 Rgb = tuple[float, float, float]
@@ -25,6 +27,20 @@ class Build:
         self.core = _core.Scene()
         self.warnings: list[str] = []
         self.files_read: list[Path] = []
+        self._read: Callable[[Path], NDArray[Any]] = read_image
+
+    @contextmanager
+    def reading_images(self) -> Iterator[None]:
+        """Within this, the image files of the scene are read by several threads."""
+        files: dict[Path, Path] = {}
+        for node in (*self.scene.textures.values(), *self.scene.lights):
+            if isinstance(node, ImageTexture | EnvironmentLight) and node.file is not None:
+                with suppress(SceneError):  # raised again when the image is asked for
+                    path = self._path(node.file, "")
+                    files[path] = path
+        with reading_ahead(files) as self._read:
+            yield
+        self._read = read_image
 
     def image(self, node: ImageTexture | EnvironmentLight, pointer: str) -> NDArray[Any]:
         if node.pixels is not None:
@@ -33,7 +49,7 @@ class Build:
         path = self._path(node.file, f"{pointer}/file")
         self.files_read.append(path)
         try:
-            return np.ascontiguousarray(read_image(path))
+            return np.ascontiguousarray(self._read(path))
         except ImageError as error:
             raise SceneError(str(error), pointer=f"{pointer}/file", found=node.file) from None
 

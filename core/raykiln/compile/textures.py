@@ -17,7 +17,6 @@ class Textures:
 
     def __init__(self, build: Build) -> None:
         self._build = build
-        self._pixels: dict[str, NDArray[Any]] = {}
         self._indices: dict[tuple[str, bool], int] = {}
 
     def index(self, name: str, *, color: bool, pointer: str) -> int:
@@ -41,9 +40,7 @@ class Textures:
             return self._build.core.add_checker_texture(
                 rgb_of(texture.color0), rgb_of(texture.color1), texture.uv_transform
             )
-        if name not in self._pixels:
-            self._pixels[name] = self._build.image(texture, f"/textures/{name}")
-        pixels = self._pixels[name]
+        pixels = self._build.image(texture, f"/textures/{name}")
         srgb = texture.color_space == "srgb" or (
             texture.color_space == "auto" and color and pixels.dtype != np.float32
         )

@@ -8,14 +8,12 @@ import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from urllib.parse import unquote
 
-import numpy as np
-from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from raykiln.errors import ImageError, SceneError, scene_error_of
+from raykiln.errors import SceneError, scene_error_of
 
 if TYPE_CHECKING:
     from raykiln.scene import Scene
@@ -113,16 +111,6 @@ def read_bytes(path: Path, *, limit: int = MAX_FILE_BYTES) -> bytes:
         raise SceneError("a folder, not a file", file=path) from None
     except OSError as error:
         raise SceneError(f"the file cannot be read: {error.strerror}", file=path) from None
-
-
-def decode_image(data: bytes, pointer: str) -> NDArray[Any]:
-    """Pixels (height, width, channels) of an image file held in memory."""
-    from raykiln.image import read_image  # the compiled reader is only needed here
-
-    try:
-        return np.asarray(read_image(data))
-    except ImageError as error:
-        raise SceneError(f"the embedded image cannot be read: {error}", pointer=pointer) from None
 
 
 @contextmanager

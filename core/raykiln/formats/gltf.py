@@ -14,6 +14,7 @@ from raykiln.formats.files import MAX_FILE_BYTES, Files
 from raykiln.formats.gltf_animation import animate
 from raykiln.formats.gltf_data import GLB_MAGIC, GltfData, split_glb
 from raykiln.formats.gltf_extras import add_extras
+from raykiln.formats.gltf_images import EmbeddedImages
 from raykiln.formats.gltf_materials import GltfMaterial, Materials
 from raykiln.formats.gltf_meshes import Primitive, primitives, skinned
 from raykiln.formats.gltf_textures import Textures
@@ -52,7 +53,9 @@ def read(path: Path, files: Files) -> Scene:
     data = GltfData(files, text, binary)
     scene = Scene(name=path.stem)
     _check_asset(data, scene)
-    _Reader(data, scene).read()
+    images = EmbeddedImages(data)
+    with images.decoding():
+        _Reader(data, scene, images).read()
     return scene
 
 
@@ -78,12 +81,12 @@ def _check_asset(data: GltfData, scene: Scene) -> None:
 
 
 class _Reader:
-    def __init__(self, data: GltfData, scene: Scene) -> None:
-        self.data, self.scene = data, scene
+    def __init__(self, data: GltfData, scene: Scene, images: EmbeddedImages) -> None:
+        self.data, self.scene, self.images = data, scene, images
         self.root = data.root
         self.nodes = list(data.root.items("nodes"))
         animate(data, self.nodes, scene, data.files.time_s)
-        self.materials = Materials(data, scene, Textures(data, scene))
+        self.materials = Materials(data, scene, Textures(data, scene, images))
         self.world: list[Array] = [np.eye(4) for _ in self.nodes]
         self.shown: list[int] = []
 
@@ -110,7 +113,7 @@ class _Reader:
 
     def _check_unshown(self, shown_meshes: set[int]) -> None:
         """Read what the scene does not show too, so that a broken file is never half accepted."""
-        aside = _Reader(self.data, Scene())
+        aside = _Reader(self.data, Scene(), self.images)
         seen = [False] * len(self.nodes)
         aside._descend(self._tops(), seen)
         if not all(seen):

@@ -7,18 +7,16 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from raykiln.errors import SceneError
-from raykiln.formats.files import decode_image
-from raykiln.formats.gltf_data import GltfData, data_uri
+from raykiln.formats.gltf_data import GltfData
+from raykiln.formats.gltf_images import EmbeddedImages, image_of, is_embedded
 from raykiln.formats.json_text import Item
 from raykiln.formats.names import unique_name
 from raykiln.scene import ImageTexture, Scene
 
 _WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 _NEAREST = 9728
-_IMAGE_EXTENSIONS = ("EXT_texture_webp",)
 
 
 @dataclass(frozen=True)
@@ -32,10 +30,9 @@ class Use:
 class Textures:
     """Adds each texture to the scene once for every way in which it is used."""
 
-    def __init__(self, data: GltfData, scene: Scene) -> None:
-        self.data, self.scene = data, scene
+    def __init__(self, data: GltfData, scene: Scene, images: EmbeddedImages) -> None:
+        self.data, self.scene, self.images = data, scene, images
         self._names: dict[Any, str] = {}
-        self._pixels: dict[int, NDArray[Any]] = {}
 
     def use(self, info: Item, color_space: str) -> Use | None:
         """The texture of a textureInfo; None (and a warning) if its image is not supported."""
@@ -47,7 +44,7 @@ class Textures:
             shift = transform.item("KHR_texture_transform")
             use = replace(use, coordinates=shift.integer("texCoord", use.coordinates))
             matrix = uv_matrix(shift)
-        source = self._source(texture)
+        source = image_of(texture)
         if source is None:
             self.scene.warn(f"{texture.pointer}: the texture has no image that can be read")
             return None
@@ -56,17 +53,10 @@ class Textures:
             self._names[key] = self._add(texture, source, color_space, matrix)
         return replace(use, name=self._names[key])
 
-    def _source(self, texture: Item) -> int | None:
-        extensions = texture.item("extensions")
-        for name in _IMAGE_EXTENSIONS:
-            if name in extensions:
-                return extensions.item(name).integer("source")
-        return texture.integer("source") if "source" in texture else None
-
     def _add(self, texture: Item, source: int, color_space: str, matrix: Any) -> str:
         image = self.data.root.entry("images", source, f"{texture.pointer}/source")
         values: dict[str, Any] = {
-            **self._content(image, source),
+            **self._content(image),
             **self._sampler(texture),
             "color_space": color_space,
             "uv_transform": matrix,
@@ -76,21 +66,11 @@ class Textures:
         self.scene.textures[name] = ImageTexture.model_validate(values)
         return name
 
-    def _content(self, image: Item, index: int) -> dict[str, Any]:
-        if "uri" in image and not image.string("uri").startswith("data:"):
-            path = self.data.files.resolve_uri(image.string("uri"), f"{image.pointer}/uri")
-            return {"file": self.data.files.relative(path)}
-        if index not in self._pixels:
-            self._pixels[index] = decode_image(self._embedded(image), image.pointer)
-        return {"pixels": self._pixels[index]}
-
-    def _embedded(self, image: Item) -> bytes:
-        if "uri" in image:
-            return data_uri(image.string("uri"), f"{image.pointer}/uri")
-        if "bufferView" not in image:
-            raise SceneError("an image without data", pointer=image.pointer)
-        view, _ = self.data.view(image.integer("bufferView"), f"{image.pointer}/bufferView")
-        return bytes(view)
+    def _content(self, image: Item) -> dict[str, Any]:
+        if is_embedded(image):
+            return {"pixels": self.images.pixels(image)}
+        path = self.data.files.resolve_uri(image.string("uri"), f"{image.pointer}/uri")
+        return {"file": self.data.files.relative(path)}
 
     def _sampler(self, texture: Item) -> dict[str, Any]:
         if "sampler" not in texture:

@@ -50,8 +50,8 @@ InterfaceShares interface_shares(float cosine, float eta, float alpha, bool beck
         const Vec3<Wide> down = refract(dir_out, m, f.cos_transmitted, f.eta_ti);
         const Wide reflected =
             weight * f.reflectance * microfacet_g(facet, dir_out, up, m);
-        const Wide transmitted = weight * (Wide(1.0f) - f.reflectance) *
-                                 microfacet_g(facet, dir_out, down, m);
+        const Wide transmitted =
+            weight * (Wide(1.0f) - f.reflectance) * microfacet_g(facet, dir_out, down, m);
         return {select(counts & (up.z > Wide(0.0f)), reflected, Wide(0.0f)),
                 select(counts & (down.z < Wide(0.0f)), transmitted, Wide(0.0f))};
     };
@@ -76,7 +76,8 @@ InterfaceTable make_interface_table(float eta, float alpha, bool beckmann) {
             clamp(interface_shares(cosine, eta, a, beckmann).transmitted, 0.0f, 1.0f);
         // A plain mean over the nodes, ends and all: about 0.01 below the integral, and
         // what Mitsuba 3 computes, whose rough plastics look the same for it.
-        internal += 2.0 * cosine * interface_shares(cosine, 1.0f / eta, a, beckmann).reflected /
+        internal += 2.0 * cosine *
+                    interface_shares(cosine, 1.0f / eta, a, beckmann).reflected /
                     InterfaceTable::size;
     }
     table.internal_reflectance = static_cast<float>(internal);

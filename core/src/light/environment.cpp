@@ -103,8 +103,8 @@ void luminances_of_row(const ImageTexture& map, int y, std::vector<float>& row) 
     }
 }
 
-/// The greatest value over a texel of a line that goes straight from one texel's middle to
-/// the next one's.
+/// The greatest value over a texel of a line that goes straight from one texel's middle
+/// to the next one's.
 float peak_along(const float* at) {
     const float higher = max(at[-1], at[1]);
     return *at + 0.5f * max(higher - *at, 0.0f);
@@ -130,9 +130,9 @@ std::vector<float> weights_of_texels(const ImageTexture& map) {
         std::swap(top, bottom);
         fill_below(y + 1);
         float sine, cosine;
-        sin_cos_turns((static_cast<float>(y) + 0.5f) / static_cast<float>(map.height) *
-                          0.5f,
-                      sine, cosine);
+        sin_cos_turns(
+            (static_cast<float>(y) + 0.5f) / static_cast<float>(map.height) * 0.5f, sine,
+            cosine);
         float* row = &weights[static_cast<std::size_t>(y) * width];
         for (std::size_t x = 0; x < width; ++x) {
             const float peak =
