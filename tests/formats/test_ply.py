@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from raykiln.errors import SceneError
 from raykiln.formats import load
-from raykiln.formats.ply import read_mesh
+from raykiln.formats.ply import ROWS_AT_ONCE, read_mesh
 from raykiln.rendering import check
 from raykiln.scene import Mesh
 
@@ -139,6 +139,35 @@ def test_a_file_of_triangles_is_neither_copied_nor_kept_in_vain(
     mesh = read_mesh(path)
     np.testing.assert_array_equal(mesh.vertices, points)
     assert (mesh.vertices.base is not None) == is_view
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+@pytest.mark.parametrize("length", range(1, 5))
+@pytest.mark.parametrize("others", [0, 3])
+def test_many_triangles_are_packed_where_they_were_read(
+    tmp_path: Path, order: str, length: int, others: int
+) -> None:
+    """With quads behind them, which stay as they are."""
+    rng = np.random.default_rng(length)
+    triangles = np.zeros(2 * ROWS_AT_ONCE + 1000, [("n", "u1"), ("corners", f"{order}i4", 3)])
+    triangles["n"], triangles["corners"] = 3, rng.integers(0, 50, (len(triangles), 3))
+    quads = np.zeros(others, [("n", "u1"), ("corners", f"{order}i4", 4)])
+    quads["n"], quads["corners"] = 4, [0, 1, 2, 3]
+    points = np.zeros((50, 3), f"{order}f4")
+    points[:4] = SQUARE
+    header = (
+        f"ply\nformat {FORMATS[order]} 1.0\ncomment {'x' * length}\nelement vertex 50\n"
+        "property float x\nproperty float y\nproperty float z\n"
+        f"element face {len(triangles) + len(quads)}\n"
+        "property list uchar int vertex_indices\nend_header\n"
+    )
+    path = tmp_path / "a.ply"
+    numbers = points.tobytes() + triangles.tobytes() + quads.tobytes()
+    path.write_bytes(header.encode() + numbers)
+    mesh = read_mesh(path)
+    assert np.array_equal(mesh.vertices, points)
+    assert np.array_equal(mesh.faces[: len(triangles)], triangles["corners"])
+    assert mesh.faces[len(triangles) :].tolist() == [[0, 1, 2], [0, 2, 3]] * others
 
 
 def test_a_header_of_any_length_can_be_rendered(tmp_path: Path) -> None:

@@ -7,10 +7,13 @@ import os
 import stat
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from io import BufferedReader
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 from urllib.parse import unquote
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from raykiln.errors import SceneError, scene_error_of
@@ -97,14 +100,31 @@ class Files:
 
 def read_bytes(path: Path, *, limit: int = MAX_FILE_BYTES) -> bytes:
     """The bytes of a file of at most `limit` bytes; a `SceneError` if it cannot be read."""
+    with _opened(path, limit) as (file, size):
+        # Reading takes as much memory at once as it is told to.
+        return file.read(limit + 1 if size is None else size)
+
+
+def read_array(path: Path, *, limit: int = MAX_FILE_BYTES) -> NDArray[np.uint8]:
+    """Like `read_bytes`, as an array (n,) that may be written to."""
+    with _opened(path, limit) as (file, size):
+        if size is None:
+            return np.frombuffer(bytearray(file.read(limit + 1)), np.uint8)
+        data = np.empty(size, np.uint8)
+        return data[: file.readinto(data.data)]
+
+
+@contextmanager
+def _opened(path: Path, limit: int) -> Iterator[tuple[BufferedReader, int | None]]:
+    """A file, and its size in bytes if that is known."""
     try:
         with path.open("rb") as file:
             status = os.fstat(file.fileno())
-            size = status.st_size
-            if size > limit:
-                raise SceneError(f"the file has {size} bytes; the limit is {limit}", file=path)
-            # Reading takes as much memory at once as it is told to.
-            return file.read(size if stat.S_ISREG(status.st_mode) else limit + 1)
+            if status.st_size > limit:
+                raise SceneError(
+                    f"the file has {status.st_size} bytes; the limit is {limit}", file=path
+                )
+            yield file, status.st_size if stat.S_ISREG(status.st_mode) else None
     except FileNotFoundError:
         raise SceneError("the file does not exist", file=path) from None
     except IsADirectoryError:

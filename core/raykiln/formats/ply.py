@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from raykiln.errors import SceneError
-from raykiln.formats.files import Files, read_bytes
+from raykiln.formats.files import Files, read_array
 from raykiln.formats.meshes import Array, MeshData, check_count, triangulate
 from raykiln.scene import Scene
 
 MAX_HEADER_BYTES = 1 << 16
 MAX_LIST = 1 << 20
+ROWS_AT_ONCE = 1 << 16
 
 TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1",
@@ -61,7 +62,7 @@ def read(path: Path, files: Files) -> Scene:
 
 def read_mesh(path: Path) -> MeshData:
     """The triangles of a PLY file; arrays may be views of the file's bytes."""
-    data = read_bytes(path)
+    data = read_array(path)
     encoding, elements, start = _header(data)
     if encoding == "ascii":
         body = _ascii_body(data, start)
@@ -69,28 +70,32 @@ def read_mesh(path: Path) -> MeshData:
     else:
         tables = _tables(data, start, elements, encoding, ascii_numbers=False)
     mesh = _mesh(elements, tables)
-    mesh.vertices = _released(mesh.vertices, len(data))
+    _release(mesh, data)
     return mesh
 
 
-def _released(array: Array, file_bytes: int) -> Array:
-    """The array, copied where a view of it would keep much more of the file in memory."""
-    return array.copy() if array.base is not None and 2 * array.nbytes < file_bytes else array
+def _release(mesh: MeshData, data: Array) -> None:
+    """Copy the arrays that are views of the file, if they would keep much more of it in memory."""
+    views = [n for n in ("vertices", "faces") if np.may_share_memory(getattr(mesh, n), data)]
+    if 2 * sum(getattr(mesh, name).nbytes for name in views) < data.nbytes:
+        for name in views:
+            setattr(mesh, name, getattr(mesh, name).copy())
 
 
-def _header(data: bytes) -> tuple[str, list[Element], int]:
-    if not data.startswith(b"ply"):
+def _header(data: Array) -> tuple[str, list[Element], int]:
+    head = data[: MAX_HEADER_BYTES + 64].tobytes()
+    if not head.startswith(b"ply"):
         raise SceneError(
-            "not a PLY file", found=data[:16], accepted="a file that begins with 'ply'"
+            "not a PLY file", found=head[:16], accepted="a file that begins with 'ply'"
         )
-    end = data.find(b"end_header", 0, MAX_HEADER_BYTES)
+    end = head.find(b"end_header", 0, MAX_HEADER_BYTES)
     if end < 0:
         raise SceneError("the PLY header has no end_header")
-    newline = data.find(b"\n", end)
+    newline = head.find(b"\n", end)
     start = len(data) if newline < 0 else newline + 1
     encoding = ""
     elements: list[Element] = []
-    for number, line in enumerate(data[:end].decode("latin-1").splitlines(), 1):
+    for number, line in enumerate(head[:end].decode("latin-1").splitlines(), 1):
         words = line.split()
         if not words or words[0] in ("ply", "comment", "obj_info"):
             continue
@@ -122,18 +127,18 @@ def _header_line(words: list[str], elements: list[Element]) -> str | None:
     return None
 
 
-def _ascii_body(data: bytes, start: int) -> bytes:
+def _ascii_body(data: Array, start: int) -> Array:
     """All numbers after the header, as the bytes of float64."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         try:
-            return np.fromstring(data[start:], dtype="<f8", sep=" ").tobytes()
+            return np.fromstring(data[start:].tobytes(), dtype="<f8", sep=" ").view(np.uint8)
         except (DeprecationWarning, ValueError):
             raise SceneError("a word among the numbers of the ASCII PLY file") from None
 
 
 def _tables(
-    data: bytes, start: int, elements: list[Element], order: str, *, ascii_numbers: bool
+    data: Array, start: int, elements: list[Element], order: str, *, ascii_numbers: bool
 ) -> dict[str, list[Array]]:
     """Runs of records of equal layout, as structured arrays, for each element."""
     tables: dict[str, list[Array]] = {}
@@ -147,7 +152,7 @@ def _tables(
 class _Runs:
     """Reads one element: records with lists are read in runs of equal list lengths."""
 
-    def __init__(self, data: bytes, start: int, element: Element, order: str, ascii: bool) -> None:
+    def __init__(self, data: Array, start: int, element: Element, order: str, ascii: bool) -> None:
         self.data, self.offset, self.element = data, start, element
         self.order, self.ascii = order, ascii
 
@@ -297,7 +302,7 @@ def _faces(face: Element | None, runs: list[Array], positions: Array) -> Array:
         corners = run[f"{index}"]
         if corners.shape[1] < 3:
             continue
-        corners = np.ascontiguousarray(corners)
+        corners = _side_by_side(run, corners)
         _check_indices(corners, len(positions))
         if corners.shape[1] == 3:
             same_bits = corners.view(np.uint32) if corners.dtype == np.int32 else corners
@@ -309,6 +314,23 @@ def _faces(face: Element | None, runs: list[Array], positions: Array) -> Array:
     if not parts:
         return np.empty((0, 3), np.uint32)
     return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
+def _side_by_side(records: Array, corners: Array) -> Array:
+    """The corners (n, k) without what is between them; of many records, where these were.
+
+    Fresh memory would take longer to get than the corners to move.
+    """
+    count = len(corners)
+    if count < 2 * ROWS_AT_ONCE or not corners.flags.writeable or not records.flags.contiguous:
+        return np.ascontiguousarray(corners)
+    places = records.view(np.uint8)
+    places = places[-places.ctypes.data % corners.itemsize :]
+    packed = places[: corners.nbytes].view(corners.dtype).reshape(corners.shape)
+    for begin in range(0, count, ROWS_AT_ONCE):
+        # No record begins before its packed corners end.
+        packed[begin : begin + ROWS_AT_ONCE] = corners[begin : begin + ROWS_AT_ONCE]
+    return packed
 
 
 def _check_indices(corners: Array, count: int) -> None:
