@@ -127,10 +127,8 @@ TEST(Photons, LightThatIsNotFocusedLeavesNone) {
 }
 
 std::vector<Emitted> emit_many(const PhotonSource& source, std::uint32_t count) {
-    std::vector<Emitted> rays;
-    for (std::uint32_t i = 0; i < count; ++i) {
-        rays.push_back(source.emit((i + 0.5) / count, {23, i}));
-    }
+    std::vector<Emitted> rays(count);
+    source.emit(23, 0, count, rays);
     return rays;
 }
 
@@ -246,13 +244,33 @@ TEST(Photons, AreSentInTheOrderOfTheirPlaces) {
     EXPECT_NEAR(source.area(), of_slab + of_ball, 1e-2);
     const double last = of_slab / (of_slab + of_ball);
     for (const double place : {0.0, 0.3, 0.7, 0.99 * last, last + 1e-4, 0.99999}) {
-        const Emitted e = source.emit(place, {23, 5});
+        Emitted e;
+        const double total = 1e6;
+        source.emit(23, static_cast<std::size_t>(place * total), 1000000, {&e, 1});
         ASSERT_GT(e.power, 0.0f);
         // Where the ray crosses the slab's two faces, or the ball.
         const float z = place < 0.5 * last ? 2.0f : 3.0f;
         const Vec3f p =
             e.ray.origin + e.ray.direction * ((z - e.ray.origin.z) / e.ray.direction.z);
         EXPECT_EQ(std::fabs(p.x) < 40, place < last) << place;
+    }
+}
+
+TEST(Photons, AreSentAloneAsAmongOthers) {
+    Scene scene = floor_scene();
+    scene.groups[0].meshes.push_back(slab(2, 3));
+    scene.groups[0].spheres.push_back(ball({60, 0, 2}, 1));
+    add_lamp(scene, {0, 0, 90});
+    test::finish(scene);
+    const PhotonSource source(scene);
+    const auto together = emit_many(source, 1003);
+    for (std::size_t i = 0; i < together.size(); ++i) {
+        Emitted alone;
+        source.emit(23, i, together.size(), {&alone, 1});
+        EXPECT_EQ(alone.power, together[i].power);
+        EXPECT_EQ(alone.density, together[i].density);
+        EXPECT_EQ(alone.ray.origin.x, together[i].ray.origin.x);
+        EXPECT_EQ(alone.ray.direction.x, together[i].ray.direction.x);
     }
 }
 

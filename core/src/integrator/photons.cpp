@@ -3,7 +3,8 @@
 #include <algorithm>
 
 #include "integrator/guided.h"
-#include "light/light.h"
+#include "light/sample_light.h"
+#include "math/wide.h"
 
 namespace raykiln {
 
@@ -52,6 +53,19 @@ float bright_share(const Light& light, const Vec3f& radiance) {
     return max(1.0f - bright * mean / max(luminance(radiance), 1e-30f), 0.0f);
 }
 
+void set_lane(Vec3<Wide>& v, int i, const Vec3f& value) {
+    v.x.set_lane(i, value.x);
+    v.y.set_lane(i, value.y);
+    v.z.set_lane(i, value.z);
+}
+Vec3f lane_of(const Vec3<Wide>& v, int i) {
+    return {v.x.lane(i), v.y.lane(i), v.z.lane(i)};
+}
+LightSample lane_of(const LightSampleOf<Wide>& s, int i) {
+    return {lane_of(s.direction, i), lane_of(s.point, i),       s.infinite.lane(i),
+            lane_of(s.radiance, i),  s.pdf_solid_angle.lane(i), s.delta.lane(i)};
+}
+
 }  // namespace
 
 PhotonSource::PhotonSource(const Scene& scene) : scene_(scene) {
@@ -83,9 +97,7 @@ void PhotonSource::add_targets(const Group& group, const Transform& world_from_g
             continue;
         }
         Target target{&mesh, nullptr, world_from_group, 0.0f};
-        for (std::uint32_t t = 0; t < mesh.triangle_count; ++t) {
-            target.area += 0.5f * length(target.triangle(t).normal);
-        }
+        target.area = target.estimated_area();
         if (target.area > 0.0f) {
             targets_.push_back(target);
         }
@@ -107,50 +119,85 @@ PhotonSource::Triangle PhotonSource::Target::triangle(std::uint32_t number) cons
     return {p, edge1, edge2, cross(edge1, edge2)};
 }
 
-Emitted PhotonSource::emit(double place, const SampleKey<float>& key) const {
+float PhotonSource::Target::estimated_area() const {
+    constexpr std::uint32_t enough = 4096;
+    const std::uint32_t step = (mesh->triangle_count + enough - 1) / enough;
+    float sum = 0;
+    std::uint32_t taken = 0;
+    for (std::uint32_t t = 0; t < mesh->triangle_count; t += step, ++taken) {
+        sum += 0.5f * length(triangle(t).normal);
+    }
+    return sum / static_cast<float>(max(taken, 1u)) *
+           static_cast<float>(mesh->triangle_count);
+}
+
+PhotonSource::Aim PhotonSource::aim(double place, const SampleKey<float>& key) const {
     const Sample4<float> u = independent_sample(key, 0);
     const double area_before = place * area_up_to_.back();
     const auto next =
         std::upper_bound(area_up_to_.begin(), area_up_to_.end() - 1, area_before);
     const Target& target = targets_[static_cast<std::size_t>(next - area_up_to_.begin())];
-    Vec3f p, normal;
-    float area = area_;
-    if (target.mesh != nullptr) {
-        const std::uint32_t count = target.mesh->triangle_count;
-        const double share = (area_before - (*next - target.area)) / target.area;
-        const auto t = static_cast<std::uint32_t>(
-            std::clamp(share * count, 0.0, static_cast<double>(count - 1)));
-        const Triangle triangle = target.triangle(t);
-        const Vec2f at = sample_triangle(u[2], u[3]);
-        p = triangle.p + triangle.edge1 * at.x + triangle.edge2 * at.y;
-        const float twice_area = length(triangle.normal);
-        if (!(twice_area > 0.0f)) {
-            return {};
+    if (target.mesh == nullptr) {
+        const Vec3f normal = sample_sphere(u[2], u[3]);
+        const Vec3f p = target.sphere->center + normal * target.sphere->radius;
+        return {target.world_from_group.point(p), normal, area_};
+    }
+    const std::uint32_t count = target.mesh->triangle_count;
+    const double share = (area_before - (*next - target.area)) / target.area;
+    const auto t = static_cast<std::uint32_t>(
+        std::clamp(share * count, 0.0, static_cast<double>(count - 1)));
+    const Triangle triangle = target.triangle(t);
+    const Vec2f at = sample_triangle(u[2], u[3]);
+    const float twice_area = length(triangle.normal);
+    if (!(twice_area > 0.0f)) {
+        return {};
+    }
+    return {triangle.p + triangle.edge1 * at.x + triangle.edge2 * at.y,
+            triangle.normal / twice_area,
+            area_ * 0.5f * twice_area * static_cast<float>(count) / target.area};
+}
+
+/// Several at a time: a sky's tables are far from the processor, and one ray would wait
+/// for them longer than it takes.
+void PhotonSource::emit(std::uint32_t seed, std::size_t first, std::size_t total,
+                        std::span<Emitted> rays) const {
+    constexpr auto lanes = static_cast<std::size_t>(NumberTraits<Wide>::width);
+    for (std::size_t begin = 0; begin < rays.size(); begin += lanes) {
+        const std::size_t count = std::min(lanes, rays.size() - begin);
+        const auto number = static_cast<std::uint32_t>(first + begin);
+        std::array<Aim, lanes> aims;
+        LightReceiverOf<Wide> receiver{Vec3<Wide>(Wide(0.0f)), Vec3<Wide>(Wide(0.0f))};
+        for (std::size_t i = 0; i < count; ++i) {
+            const std::size_t n = first + begin + i;
+            const double place =
+                (static_cast<double>(n) + 0.5) / static_cast<double>(total);
+            aims[i] = aim(place, {seed, static_cast<std::uint32_t>(n)});
+            set_lane(receiver.p, static_cast<int>(i), aims[i].p);
         }
-        normal = triangle.normal / twice_area;
-        area *= 0.5f * twice_area * static_cast<float>(count) / target.area;
-    } else {
-        normal = sample_sphere(u[2], u[3]);
-        p = target.world_from_group.point(target.sphere->center +
-                                          normal * target.sphere->radius);
+        const SampleKey<Wide> key{WideUint(seed), iota<WideUint>() + WideUint(number)};
+        const Sample4<Wide> u = independent_sample(key, 1);
+        const LightChoiceOf<Wide> choice = choose_light(scene_, receiver, u[0]);
+        const LightSampleOf<Wide> sample = sample_light(
+            scene_, choice.light, choice.pmf > Wide(0.0f), receiver, u[1], u[2], u[3]);
+        for (std::size_t i = 0; i < count; ++i) {
+            const auto lane = static_cast<int>(i);
+            rays[begin + i] = emitted(aims[i], choice.light.lane(lane),
+                                      choice.pmf.lane(lane), lane_of(sample, lane));
+        }
     }
-    const Sample4<float> w = independent_sample(key, 1);
-    const LightReceiver receiver{p, Vec3f{}};
-    const LightTree::Choice choice = choose_light(scene_, receiver, w[0]);
-    if (!(choice.pmf > 0.0f)) {
+}
+
+Emitted PhotonSource::emitted(const Aim& aim, std::uint32_t light, float pmf,
+                              const LightSample& sample) const {
+    const float density = pmf * sample.pdf_solid_angle;
+    if (sample.delta || !(density > 0.0f) || !(aim.area > 0.0f)) {
         return {};
     }
-    const Light& light = scene_.lights[choice.light];
-    const LightSample sample = sample_light(scene_, light, receiver, w[1], w[2], w[3]);
-    if (sample.delta || !(sample.pdf_solid_angle > 0.0f)) {
-        return {};
-    }
-    const float density = choice.pmf * sample.pdf_solid_angle;
     const float power = luminance(sample.radiance) *
-                        bright_share(light, sample.radiance) *
-                        std::fabs(dot(normal, sample.direction)) * area / density;
+                        bright_share(scene_.lights[light], sample.radiance) *
+                        std::fabs(dot(aim.normal, sample.direction)) * aim.area / density;
     const Vec3f from =
-        sample.infinite ? p + sample.direction * far_distance_ : sample.point;
+        sample.infinite ? aim.p + sample.direction * far_distance_ : sample.point;
     return {{from, -sample.direction}, std::isfinite(power) ? power : 0.0f, density};
 }
 

@@ -1,7 +1,10 @@
 #pragma once
 
+#include <span>
+
 #include "guide/caustic_guide.h"
 #include "integrator/context.h"
+#include "light/light.h"
 
 namespace raykiln {
 
@@ -21,10 +24,10 @@ class PhotonSource {
     bool empty() const { return targets_.empty(); }
     /// Square metres of smooth surfaces.
     float area() const { return area_; }
-    /// A ray from a light to a point of a smooth surface. `place` in [0, 1): how much of
-    /// their area comes before that point, so that places in order find triangles in
-    /// order.
-    Emitted emit(double place, const SampleKey<float>& key) const;
+    /// Rays from lights to points of smooth surfaces: from number `first` on of `total`,
+    /// which stand in the order of the surfaces and are spread evenly over their area.
+    void emit(std::uint32_t seed, std::size_t first, std::size_t total,
+              std::span<Emitted> rays) const;
 
   private:
     struct Triangle {
@@ -39,7 +42,18 @@ class PhotonSource {
         float area = 0.0f;  // square metres
 
         Triangle triangle(std::uint32_t number) const;
+        /// Of a mesh, by triangles here and there: it decides how many rays go to it, and
+        /// about as many serve as well.
+        float estimated_area() const;
     };
+    /// Where a ray is sent to; `area`: what the point stands for, 0: there is none.
+    struct Aim {
+        Vec3f p, normal;
+        float area = 0.0f;
+    };
+    Aim aim(double place, const SampleKey<float>& key) const;
+    Emitted emitted(const Aim& aim, std::uint32_t light, float pmf,
+                    const LightSample& sample) const;
     void add_targets(const Group& group, const Transform& world_from_group);
 
     const Scene& scene_;

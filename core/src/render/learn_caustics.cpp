@@ -21,14 +21,13 @@ std::size_t blocks_of(std::size_t count) {
     return (count + block_size - 1) / block_size;
 }
 
-/// Calls `take(block, i)` for all i below `count`, blocks of them at once.
+/// Calls `take(block, begin, end)` for blocks of the numbers below `count`, several at
+/// once.
 template <class Take>
 void for_blocks(std::size_t count, const Take& take) {
     tbb::parallel_for(std::size_t{0}, blocks_of(count), [&](std::size_t block) {
         const std::size_t begin = block * block_size;
-        for (std::size_t i = begin; i < std::min(begin + block_size, count); ++i) {
-            take(block, i);
-        }
+        take(block, begin, std::min(begin + block_size, count));
     });
 }
 
@@ -45,25 +44,26 @@ CausticGuide learn_caustics(const Scene& scene, const Accel& accel,
     if (source.empty()) {
         return {};
     }
-    const auto key = [&](std::uint32_t use, std::size_t i) {
-        return SampleKey<float>{hash_combine(hash_bits(seed + 0x3c6ef372u), use),
-                                static_cast<std::uint32_t>(i)};
+    const auto seed_of = [&](std::uint32_t use) {
+        return hash_combine(hash_bits(seed + 0x3c6ef372u), use);
     };
     const std::uint64_t wanted = std::min(samples / samples_a_ray, most_rays);
     std::vector<Emitted> rays(std::max<std::uint64_t>(wanted, block_size));
-    for_blocks(rays.size(), [&](std::size_t, std::size_t i) {
-        const auto place =
-            (static_cast<double>(i) + 0.5) / static_cast<double>(rays.size());
-        rays[i] = source.emit(place, key(0, i));
+    for_blocks(rays.size(), [&](std::size_t, std::size_t begin, std::size_t end) {
+        source.emit(seed_of(0), begin, rays.size(), {&rays[begin], end - begin});
     });
     const auto followed = equal_in_power(rays, rays.size() / rays_a_followed);
     // A list for each block: their order does not depend on the threads.
     std::vector<std::vector<Photon>> found(blocks_of(followed.size()));
-    for_blocks(followed.size(), [&](std::size_t block, std::size_t i) {
-        RayCounts counts;
-        const Context c{scene, accel, estimator, key(1, i), counts};
-        trace_photon(c, rays[followed[i]].ray, found[block]);
-    });
+    for_blocks(
+        followed.size(), [&](std::size_t block, std::size_t begin, std::size_t end) {
+            for (std::size_t i = begin; i < end; ++i) {
+                RayCounts counts;
+                const SampleKey<float> key{seed_of(1), static_cast<std::uint32_t>(i)};
+                const Context c{scene, accel, estimator, key, counts};
+                trace_photon(c, rays[followed[i]].ray, found[block]);
+            }
+        });
     std::vector<Photon> photons;
     for (const auto& block : found) {
         photons.insert(photons.end(), block.begin(), block.end());
