@@ -93,8 +93,8 @@ def _scenes(benches: dict[str, Bench], results: dict[str, Any]) -> Iterator[None
     kept = results.setdefault("scenes", {})
     for name, bench in benches.items():
         reference, facts = bench.reference()
-        kept[name] = {"reference": facts, "contenders": bench.in_turn(reference)}
-        results["plan"] = vars(bench.plan)  # what the report says of its first tables
+        contenders = bench.in_turn(reference)
+        kept[name] = {"plan": vars(bench.plan), "reference": facts, "contenders": contenders}
         yield
 
 

@@ -70,7 +70,7 @@ def as_text(results: Json) -> str:
     """All tables."""
     sections = [_head(results)]
     for name, scene in results.get("scenes", {}).items():
-        sections += [f"### {SCENES_TITLES[name]}", _reference_line(scene), str(_scene(name, scene))]
+        sections += [f"### {SCENES_TITLES[name]}", _scene_lines(scene), str(_scene(name, scene))]
     if "scenes" in results:
         sections += ["### Ours against the best peer", str(_goals(results))]
         sections.append(_geometric_mean(results))
@@ -99,12 +99,10 @@ assert SCENES_TITLES.keys() == SHORT_TITLES.keys() == SCENES.keys()
 
 
 def _head(results: Json) -> str:
-    machine, plan = results["machine"], results["plan"]
+    machine = results["machine"]
     memory = machine["memory_bytes"] / 2**30
     lines = [
         f"{machine['cpu']}, {machine['cores']} cores, {memory:.0f} GiB; {machine['system']}.",
-        f"Medians of {plan['runs']} run(s) of about {plan['seconds']:g} s, in turn; "
-        "± is half the spread.",
         f"Versions: {_versions(results)}.",
     ]
     warning = load_warning(machine["load_average"][0])
@@ -122,9 +120,11 @@ def _versions(results: Json) -> str:
     return ", ".join(f"{engine} {version}" for engine, version in sorted(found.items()))
 
 
-def _reference_line(scene: Json) -> str:
-    facts = scene["reference"]
+def _scene_lines(scene: Json) -> str:
+    facts, plan = scene["reference"], scene["plan"]
     return (
+        f"Medians of {plan['runs']} run(s) of about {plan['seconds']:g} s, in turn; "
+        "± is half the spread.  \n"
         f"Reference: raykiln with {facts['spp'][0]:,} and Mitsuba with {facts['spp'][1]:,} samples "
         f"a pixel, ratio of means {facts['mean_ratio']:.4f}, {facts['blocks_off']} of "
         f"{facts['blocks']} blocks apart, relMSE of the reference itself "

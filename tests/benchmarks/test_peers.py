@@ -89,3 +89,10 @@ def test_scenes_are_the_same_at_each_making(bench: Any) -> None:
     a, b, c = (first.vertices[first.faces[:, i]] for i in range(3))
     volume = np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6
     assert volume == pytest.approx(4 / 3 * np.pi, rel=0.1)
+
+
+def test_a_part_that_was_measured_alone_is_reported(bench: Any) -> None:
+    machine = bench("environment").machine()
+    text = bench("report").as_text({"machine": machine})
+    assert f"{machine['cores']} cores" in text
+    assert "###" not in text

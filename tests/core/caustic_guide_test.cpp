@@ -203,15 +203,6 @@ TEST(CausticGuide, RoundingOfAPointOnAWallDoesNotChooseItsCell) {
     }
 }
 
-void set_lane(Vec3<Wide>& to, int lane, const Vec3f& v) {
-    to.x.set_lane(lane, v.x);
-    to.y.set_lane(lane, v.y);
-    to.z.set_lane(lane, v.z);
-}
-Vec3f get_lane(const Vec3<Wide>& v, int lane) {
-    return {v.x.lane(lane), v.y.lane(lane), v.z.lane(lane)};
-}
-
 TEST(CausticGuide, LanesAreAsOneNumberIs) {
     const CausticGuide guide = guide_of_places();
     constexpr int width = NumberTraits<Wide>::width;
@@ -241,7 +232,7 @@ TEST(CausticGuide, LanesAreAsOneNumberIs) {
             ASSERT_EQ(at.first.lane(lane), one.first);
             ASSERT_EQ(at.count.lane(lane), one.count);
             const Vec3f d = guide.sample(one, u[lane][0], u[lane][1], u[lane][2]);
-            const Vec3f lane_d = get_lane(drawn, lane);
+            const Vec3f lane_d = lane_of(drawn, lane);
             ASSERT_TRUE(lane_d.x == d.x && lane_d.y == d.y && lane_d.z == d.z);
             ASSERT_EQ(pdf.lane(lane), guide.pdf(one, d));
             known += one.share > 0.0f;

@@ -127,12 +127,8 @@ TEST(FewTriangles, DoNotDependOnTheOtherLanes) {
         for (int k = 0; k < width; ++k) {
             rays[k] = {test::random_direction(rng) * (2.0f * rng.unit()),
                        test::random_direction(rng)};
-            origin.x.set_lane(k, rays[k].origin.x);
-            origin.y.set_lane(k, rays[k].origin.y);
-            origin.z.set_lane(k, rays[k].origin.z);
-            direction.x.set_lane(k, rays[k].direction.x);
-            direction.y.set_lane(k, rays[k].direction.y);
-            direction.z.set_lane(k, rays[k].direction.z);
+            set_lane(origin, k, rays[k].origin);
+            set_lane(direction, k, rays[k].direction);
         }
         const auto hits = intersect(few, origin, direction, Wide(0.0f), Wide(infinity));
         const WideMask wanted = WideMask::of_bits(static_cast<std::uint32_t>(i));

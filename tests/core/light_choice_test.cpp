@@ -188,13 +188,8 @@ TEST(LightTree, LanesChooseAsOneNumberDoes) {
             each[lane] = random_receiver(rng);
             u[lane] = lane == 0 ? one_minus_epsilon : rng.unit();
             wide_u.set_lane(lane, u[lane]);
-            const auto set = [&](Vec3<Wide>& to, const Vec3f& v) {
-                to.x.set_lane(lane, v.x);
-                to.y.set_lane(lane, v.y);
-                to.z.set_lane(lane, v.z);
-            };
-            set(all.p, each[lane].p);
-            set(all.normal, each[lane].normal);
+            set_lane(all.p, lane, each[lane].p);
+            set_lane(all.normal, lane, each[lane].normal);
         }
         const LightChoiceOf<Wide> choice = tree.sample(all, wide_u);
         const Wide pmf = tree.pmf(all, choice.light);

@@ -233,20 +233,26 @@ TEST(Photons, AFlatSkyAndLightsWithoutSizeHaveNoPower) {
     EXPECT_TRUE(equal_in_power(rays, 1000).empty());
 }
 
-TEST(Photons, AreSentInTheOrderOfTheirPlaces) {
+/// A slab and a ball beside it, under a lamp.
+Scene slab_and_ball() {
     Scene scene = floor_scene();
     scene.groups[0].meshes.push_back(slab(2, 3));
     scene.groups[0].spheres.push_back(ball({60, 0, 2}, 1));
     add_lamp(scene, {0, 0, 90});
     test::finish(scene);
+    return scene;
+}
+
+TEST(Photons, AreSentInTheOrderOfTheirPlaces) {
+    const Scene scene = slab_and_ball();
     const PhotonSource source(scene);
     const double of_ball = 4 * pi_d, of_slab = 2 * 80.0 * 80.0;
     EXPECT_NEAR(source.area(), of_slab + of_ball, 1e-2);
     const double last = of_slab / (of_slab + of_ball);
+    constexpr std::size_t total = 1'000'000;
     for (const double place : {0.0, 0.3, 0.7, 0.99 * last, last + 1e-4, 0.99999}) {
         Emitted e;
-        const double total = 1e6;
-        source.emit(23, static_cast<std::size_t>(place * total), 1000000, {&e, 1});
+        source.emit(23, static_cast<std::size_t>(place * total), total, {&e, 1});
         ASSERT_GT(e.power, 0.0f);
         // Where the ray crosses the slab's two faces, or the ball.
         const float z = place < 0.5 * last ? 2.0f : 3.0f;
@@ -257,11 +263,7 @@ TEST(Photons, AreSentInTheOrderOfTheirPlaces) {
 }
 
 TEST(Photons, AreSentAloneAsAmongOthers) {
-    Scene scene = floor_scene();
-    scene.groups[0].meshes.push_back(slab(2, 3));
-    scene.groups[0].spheres.push_back(ball({60, 0, 2}, 1));
-    add_lamp(scene, {0, 0, 90});
-    test::finish(scene);
+    const Scene scene = slab_and_ball();
     const PhotonSource source(scene);
     const auto together = emit_many(source, 1003);
     for (std::size_t i = 0; i < together.size(); ++i) {

@@ -396,9 +396,6 @@ template <class F>
 Vec3<F> broadcast(const Vec3f& v) {
     return {F(v.x), F(v.y), F(v.z)};
 }
-Vec3f lane_of(const Vec3<Wide>& v, int i) {
-    return {v.x.lane(i), v.y.lane(i), v.z.lane(i)};
-}
 
 template <class F>
 Diffuse<F> diffuse() {
@@ -431,9 +428,7 @@ void expect_same_bsdf(const WideBsdf& wide, const ScalarBsdf& scalar, bool below
         for (int i = 0; i < width; ++i) {
             Vec3f v = sample_sphere(rng.unit(), rng.unit());
             v.z = below ? v.z : std::fabs(v.z);
-            dir_out.x.set_lane(i, v.x);
-            dir_out.y.set_lane(i, v.y);
-            dir_out.z.set_lane(i, v.z);
+            set_lane(dir_out, i, v);
             u.lobe.set_lane(i, rng.unit());
             u.x.set_lane(i, rng.unit());
             u.y.set_lane(i, rng.unit());
@@ -487,9 +482,7 @@ TEST(WideNumber, LanesDoNotKnowOfEachOther) {
         Vec3<Wide> mixed_out = broadcast<Wide>(direction());
         BsdfRandom<Wide> u{Wide(rng.unit()), Wide(rng.unit()), Wide(rng.unit())};
         const int place = static_cast<int>(random_bits(rng) % width);
-        mixed_out.x.set_lane(place, out.x);
-        mixed_out.y.set_lane(place, out.y);
-        mixed_out.z.set_lane(place, out.z);
+        set_lane(mixed_out, place, out);
         u.lobe.set_lane(place, lobe);
         u.x.set_lane(place, x);
         u.y.set_lane(place, y);

@@ -53,14 +53,6 @@ float bright_share(const Light& light, const Vec3f& radiance) {
     return max(1.0f - bright * mean / max(luminance(radiance), 1e-30f), 0.0f);
 }
 
-void set_lane(Vec3<Wide>& v, int i, const Vec3f& value) {
-    v.x.set_lane(i, value.x);
-    v.y.set_lane(i, value.y);
-    v.z.set_lane(i, value.z);
-}
-Vec3f lane_of(const Vec3<Wide>& v, int i) {
-    return {v.x.lane(i), v.y.lane(i), v.z.lane(i)};
-}
 LightSample lane_of(const LightSampleOf<Wide>& s, int i) {
     return {lane_of(s.direction, i), lane_of(s.point, i),       s.infinite.lane(i),
             lane_of(s.radiance, i),  s.pdf_solid_angle.lane(i), s.delta.lane(i)};

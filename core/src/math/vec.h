@@ -44,6 +44,18 @@ struct Vec3 {
 using Vec2f = Vec2<float>;
 using Vec3f = Vec3<float>;
 
+/// One lane of a number type of SIMD width.
+template <class F>
+inline Vec3f lane_of(const Vec3<F>& v, int lane) {
+    return {v.x.lane(lane), v.y.lane(lane), v.z.lane(lane)};
+}
+template <class F>
+inline void set_lane(Vec3<F>& v, int lane, const Vec3f& value) {
+    v.x.set_lane(lane, value.x);
+    v.y.set_lane(lane, value.y);
+    v.z.set_lane(lane, value.z);
+}
+
 template <class F>
 inline Vec3<F> select(Mask<F> mask, const Vec3<F>& a, const Vec3<F>& b) {
     return {select(mask, a.x, b.x), select(mask, a.y, b.y), select(mask, a.z, b.z)};

@@ -92,9 +92,7 @@ inline TexelOf<F> lookup(const Texture& texture, const Vec2<F>& uv) {
     TexelOf<F> texels;
     for (int i = 0; i < NumberTraits<F>::width; ++i) {
         const Texel t = lookup(texture, Vec2f{uv.x.lane(i), uv.y.lane(i)});
-        texels.rgb.x.set_lane(i, t.rgb.x);
-        texels.rgb.y.set_lane(i, t.rgb.y);
-        texels.rgb.z.set_lane(i, t.rgb.z);
+        set_lane(texels.rgb, i, t.rgb);
         texels.alpha.set_lane(i, t.alpha);
     }
     return texels;
